@@ -253,11 +253,28 @@ Result<NewFile> copy_file(const std::string& from, const std::string& to,
   }
 }
 
+Result<std::uint64_t> file_size(const std::string& path) {
+  struct stat status {};
+  if (::stat(path.c_str(), &status) != 0)
+    return errno == ENOENT ? fail(ErrorCode::not_found, path, ": no such file")
+                           : io_error(path, "cannot open", errno);
+  if (!S_ISREG(status.st_mode)) return fail(ErrorCode::io, path, ": not a regular file");
+  return static_cast<std::uint64_t>(status.st_size);
+}
+
+Result<std::ifstream> open_regular(const std::string& path) {
+  SLF_TRY(file_size(path));
+  std::ifstream file(path, std::ios::binary);
+  if (!file) return io_error(path, "cannot open", errno);
+  return file;
+}
+
 Result<Bytes> read_file(const std::string& path, std::uint64_t limit, const StartCheck& check) {
+  SLF_TRY(file_size(path));
   const Descriptor file(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
   if (file.get() < 0) return io_error(path, "cannot open", errno);
 
-  // Reads to the end instead of asking for the size first, so that pipes work too.
+  // Reads to the end instead of relying on the size, which is 0 for the files of /proc.
   constexpr std::size_t kChunk = std::size_t{1} << 20, kStart = std::size_t{1} << 16;
   Bytes bytes;
   for (bool checked = !check;;) {

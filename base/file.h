@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstdint>
+#include <fstream>
 #include <functional>
 #include <span>
 #include <string>
@@ -94,9 +95,18 @@ class NewFile {
 /// Judges a file by its first bytes: at least 64 KiB, or all that it has.
 using StartCheck = std::function<Result<void>(ByteSpan start)>;
 
-/// The whole file. It is read further only if `check`, if given, accepts its start. not_found: no
-/// such file. io: unreadable, a folder. unsupported: longer than `limit` bytes. Other errors are
-/// those of `check`.
+/// Files name other files, and such a name may be that of a FIFO or a device, which would block a
+/// reader for ever. So all input goes through the next three functions, which accept regular files
+/// only. not_found: no such file. io: not a regular file, or it cannot be read.
+
+/// The size in bytes.
+[[nodiscard]] Result<std::uint64_t> file_size(const std::string& path);
+
+/// Opens a file for reading, as bytes.
+[[nodiscard]] Result<std::ifstream> open_regular(const std::string& path);
+
+/// The whole file. It is read further only if `check`, if given, accepts its start. unsupported:
+/// longer than `limit` bytes. Other errors are those of `check`.
 [[nodiscard]] Result<Bytes> read_file(const std::string& path, std::uint64_t limit,
                                       const StartCheck& check = {});
 

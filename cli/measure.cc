@@ -232,13 +232,6 @@ bool check_source(const Field& field, const Scene& scene) {
   return false;
 }
 
-/// The tone mapping to apply before pictures are compared; none for fields that hold colours.
-std::optional<ToneMapping> view_tone(const Field& field) {
-  const LightOptions lighting = raycast_options(field.provenance()).lighting;
-  if (lighting.mode == Lighting::direct || !lighting.linear) return std::nullopt;
-  return lighting.tone;
-}
-
 Result<void> run_evaluate(const EvaluateArguments& a) {
   const auto field = SLF_TRY(open_field(a.field));
   if (a.source.input.empty()) return evaluate_with_pictures(a, field);
@@ -253,7 +246,8 @@ Result<void> run_evaluate(const EvaluateArguments& a) {
   SLF_TRY(scene->prepare());
   const bool same_source = check_source(field, *scene);
   const auto evaluation = SLF_TRY(evaluate_views(
-      field, *scene, {cameras, view, a.draw.renderer(), a.supersample, view_tone(field)},
+      field, *scene,
+      {cameras, view, a.draw.renderer(), a.supersample, view_tone(field.provenance())},
       progress_bar("evaluate", "rows", OnSignal::end)));
 
   const std::uint64_t bytes = field.file_bytes();

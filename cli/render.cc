@@ -67,8 +67,7 @@ struct RenderArguments {
 /// Tone-maps a picture of a field that holds linear radiance. A picture to be written as .exr keeps
 /// the radiance, unless an option requests tone mapping.
 Result<void> map_tones(const RenderArguments& a, const Field& field, Image& image) {
-  const LightOptions lighting = raycast_options(field.provenance()).lighting;
-  const bool linear = lighting.mode != Lighting::direct && lighting.linear;
+  const bool linear = view_tone(field.provenance()).has_value();
   if (a.tone_given && !linear)
     return fail(ErrorCode::usage, field.path(),
                 ": --exposure and --tonemap need a field that holds linear radiance: one built "
@@ -174,6 +173,7 @@ Result<void> name_pictures(const RaycastArguments& a, std::vector<Picture>& pict
 /// Draws the pictures of a file of cameras: .exr, in a folder with its own transforms.json.
 Result<void> raycast_cameras(const RaycastArguments& a) {
   auto set = SLF_TRY(read_cameras(a.cameras));
+  for (const std::string& remark : set.notes) note(a.cameras + ": " + remark);
   SLF_TRY(name_pictures(a, set.pictures));
   const std::filesystem::path folder = a.picture.output;
   const std::string list = (folder / "transforms.json").string();

@@ -1,9 +1,9 @@
 // The sizes of PNG, JPEG and TIFF pictures from their headers. Other formats are decoded.
 #include <array>
 #include <cstring>
-#include <fstream>
 #include <optional>
 
+#include "base/file.h"
 #include "base/try.h"
 #include "field/image/formats.h"
 #include "field/image/tiff_file.h"
@@ -36,7 +36,7 @@ std::optional<ImageSize> jpeg_size(ByteSpan head) {
 }  // namespace
 
 Result<ImageSize> read_image_size(const std::string& path) {
-  std::ifstream file(path, std::ios::binary);
+  auto file = SLF_TRY(open_regular(path));
   Bytes head(kHead);
   file.read(reinterpret_cast<char*>(head.data()), static_cast<std::streamsize>(head.size()));
   head.resize(static_cast<std::size_t>(file.gcount()));

@@ -5,11 +5,10 @@
 #include <cstdarg>
 #include <cstdio>
 #include <cstring>
-#include <filesystem>
 #include <new>
-#include <system_error>
 #include <vector>
 
+#include "base/file.h"
 #include "base/try.h"
 
 namespace slf::image_formats {
@@ -90,17 +89,9 @@ bool looks_like_tiff(std::string_view head) {
 }
 
 Result<std::unique_ptr<TiffFile>> TiffFile::open(const std::string& path) {
-  namespace fs = std::filesystem;
-  std::error_code error;
-  const fs::file_status status = fs::status(path, error);
-  if (status.type() == fs::file_type::not_found)
-    return fail(ErrorCode::not_found, path, ": no such file");
-  if (!error && status.type() != fs::file_type::regular)
-    return fail(ErrorCode::io, path, ": not a regular file");
   auto file = std::make_unique<TiffFile>();
   file->path = path;
-  if (!error) file->bytes = fs::file_size(path, error);
-  if (error) return fail(ErrorCode::io, path, ": ", error.message());
+  file->bytes = SLF_TRY(file_size(path));
   file->tiff.reset(TIFFOpenExt(path.c_str(), "rm", options_for(*file).get()));
   if (!file->tiff) return file->damaged();
   return file;
@@ -135,6 +126,19 @@ Result<bool> TiffFile::next() {
     return fail(ErrorCode::unsupported, path, ": more than ", kMaxPages, " pages");
   if (!TIFFReadDirectory(tiff.get())) return damaged();
   return true;
+}
+
+Result<void> TiffFile::go_to(std::uint64_t offset) {
+  message.clear();
+  page = 0;
+  if (!TIFFSetSubDirectory(tiff.get(), offset)) return damaged();
+  return {};
+}
+
+Result<std::string> TiffFile::description() {
+  while (is_thumbnail())
+    if (const auto more = SLF_TRY(next()); !more) break;
+  return text(TIFFTAG_IMAGEDESCRIPTION);
 }
 
 bool TiffFile::is_thumbnail() const {

@@ -42,6 +42,10 @@ class TiffFile {
   [[nodiscard]] std::string text(std::uint32_t id) const;
   /// The next page; false at the end. bad_file: a page that cannot be read.
   Result<bool> next();
+  /// Moves to the page whose directory is at `offset` of the file.
+  Result<void> go_to(std::uint64_t offset);
+  /// The description of the first page that is no thumbnail, to which it moves.
+  Result<std::string> description();
   /// A reduced copy of another page, or its mask, which some writers add.
   [[nodiscard]] bool is_thumbnail() const;
 

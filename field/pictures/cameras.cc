@@ -52,8 +52,12 @@ Result<PictureSet> read_model(const std::string& model_folder, const std::string
   if (!set) return set;
   for (const char* name : {"/cameras", "/images", "/points3D"})
     set->models.push_back(model_folder + name + (model.text ? ".txt" : ".bin"));
+  cameras::FileFinder finder(pictures);
   std::set<std::string> named;
-  for (const Picture& picture : set->pictures) named.insert(picture.file);
+  for (Picture& picture : set->pictures) {
+    picture.file = finder.find(picture.name);
+    named.insert(picture.file);
+  }
   std::size_t without = 0;
   std::error_code code;  // pictures in folders that cannot be read are not counted
   auto it = fs::recursive_directory_iterator(pictures,
@@ -94,38 +98,76 @@ Result<PictureSet> read_folder(const std::string& folder) {
 
 }  // namespace
 
+namespace {
+
+/// Whether a picture and its mask are there, and fit the camera. Returns the size.
+Result<image_formats::ImageSize> check_picture(const std::string& source, const Picture& picture) {
+  std::error_code ignored;
+  const auto size = SLF_TRY(cameras::size_of(source, picture));
+  if (!picture.mask.empty() && !fs::is_regular_file(picture.mask, ignored))
+    return fail(ErrorCode::not_found, source, ": ", picture.name, ": there is no mask ",
+                picture.mask, " for this camera");
+  const Lens& lens = picture.lens;
+  if (size == image_formats::ImageSize{lens.width, lens.height}) return size;
+  if (size.width == lens.height && size.height == lens.width)
+    return fail(ErrorCode::bad_file, picture.file, ": is ", size.width, "x", size.height,
+                " pixels, transposed beside its camera of ", lens.width, "x", lens.height,
+                ": it was turned after the cameras were found; turn it back, and remove the "
+                "orientation from its EXIF data");
+  // Rounded sizes differ by up to a pixel.
+  const double sx = 1.0 * size.width / lens.width, sy = 1.0 * size.height / lens.height;
+  if (std::abs(lens.width * sy - size.width) > 1.5 &&
+      std::abs(lens.height * sx - size.height) > 1.5)
+    return fail(ErrorCode::bad_file, picture.file, ": is ", size.width, "x", size.height,
+                " pixels; its camera has another shape, ", lens.width, "x", lens.height);
+  return size;
+}
+
+}  // namespace
+
+Result<image_formats::ImageSize> cameras::size_of(const std::string& source,
+                                                  const Picture& picture) {
+  std::error_code ignored;
+  if (!fs::is_regular_file(picture.file, ignored))
+    return fail(ErrorCode::not_found, source, ": ", picture.name, ": there is no picture ",
+                picture.file, " for this camera");
+  return image_formats::read_image_size(picture.file);
+}
+
 Result<void> cameras::check_sizes(PictureSet& set) {
-  std::size_t scaled = 0;
+  std::size_t scaled = 0, without_depths = 0;
   std::string example;
+  LeftOut left_out;
+  std::vector<Picture> kept;
   for (Picture& picture : set.pictures) {
+    auto size = check_picture(set.source, picture);
+    if (!size) {
+      SLF_TRY(left_out.add(std::move(size.error())));
+      continue;
+    }
     std::error_code ignored;
-    if (!fs::is_regular_file(picture.file, ignored))
-      return fail(ErrorCode::io, set.source, ": ", picture.name, ": there is no picture ",
-                  picture.file, " for this camera");
-    const auto size = SLF_TRY(image_formats::read_image_size(picture.file));
+    if (!picture.depth.empty() && !fs::is_regular_file(picture.depth, ignored)) {
+      picture.depth.clear();
+      ++without_depths;
+    }
     Lens& lens = picture.lens;
-    if (size == image_formats::ImageSize{lens.width, lens.height}) continue;
-    const double sx = size.width / static_cast<double>(lens.width);
-    const double sy = size.height / static_cast<double>(lens.height);
-    if (size.width == lens.height && size.height == lens.width)
-      return fail(ErrorCode::bad_file, picture.file, ": is ", size.width, "x", size.height,
-                  " pixels, transposed beside its camera of ", lens.width, "x", lens.height,
-                  ": it was turned after the cameras were found; turn it back, and remove the "
-                  "orientation from its EXIF data");
-    // Rounded sizes differ by up to a pixel.
-    if (std::abs(lens.width * sy - size.width) > 1.5 &&
-        std::abs(lens.height * sx - size.height) > 1.5)
-      return fail(ErrorCode::bad_file, picture.file, ": is ", size.width, "x", size.height,
-                  " pixels; its camera has another shape, ", lens.width, "x", lens.height);
-    if (scaled++ == 0)
-      example = std::to_string(lens.width) + "x" + std::to_string(lens.height) + " to " +
-                std::to_string(size.width) + "x" + std::to_string(size.height);
-    lens.fx *= sx, lens.cx *= sx;
-    lens.fy *= sy, lens.cy *= sy;
-    lens.width = size.width;
-    lens.height = size.height;
-    lens.finish();
+    if (*size != image_formats::ImageSize{lens.width, lens.height}) {
+      if (scaled++ == 0)
+        example = std::to_string(lens.width) + "x" + std::to_string(lens.height) + " to " +
+                  std::to_string(size->width) + "x" + std::to_string(size->height);
+      const double sx = 1.0 * size->width / lens.width, sy = 1.0 * size->height / lens.height;
+      lens.fx *= sx, lens.cx *= sx;
+      lens.fy *= sy, lens.cy *= sy;
+      lens.width = size->width;
+      lens.height = size->height;
+      lens.finish();
+    }
+    kept.push_back(std::move(picture));
   }
+  set.pictures = std::move(kept);
+  SLF_TRY(left_out.settle(set.pictures.size(), set.notes));
+  if (without_depths > 0)
+    set.notes.push_back(std::to_string(without_depths) + " pictures of depths are missing");
   if (scaled > 0)
     set.notes.push_back(std::to_string(scaled) +
                         " cameras were found at another size than their pictures have, and are "
@@ -134,15 +176,81 @@ Result<void> cameras::check_sizes(PictureSet& set) {
   return {};
 }
 
+fs::path cameras::FileFinder::entry(const fs::path& folder, const std::string& name) {
+  std::error_code error;
+  if (fs::exists(folder / name, error)) return folder / name;
+  const auto [found, is_new] = entries_.try_emplace(folder.string());
+  if (is_new) {
+    auto it = fs::directory_iterator(folder.empty() ? "." : folder, error);
+    for (; !error && it != fs::directory_iterator(); it.increment(error)) {
+      std::string there = it->path().filename().string();
+      std::string key = lower_case(there);
+      found->second.emplace(std::move(key), std::move(there));
+    }
+  }
+  const auto entry = found->second.find(lower_case(name));
+  return folder / (entry == found->second.end() ? name : entry->second);
+}
+
+fs::path cameras::FileFinder::folder_like(const fs::path& path) {
+  std::error_code ignored;
+  if (path.empty() || !path.has_relative_path() || fs::is_directory(path, ignored)) return path;
+  return entry(folder_like(path.parent_path()), path.filename().string());
+}
+
+std::string cameras::FileFinder::find(const std::string& stated) {
+  std::error_code ignored;
+  const fs::path path = (fs::path(folder_) / stated).lexically_normal();
+  if (fs::is_regular_file(path, ignored)) return path.string();
+  std::string slashes = stated;
+  std::ranges::replace(slashes, '\\', '/');
+  const fs::path other = (fs::path(folder_) / slashes).lexically_normal();
+  const fs::path folder = folder_like(other.parent_path());
+  for (const char* extension : {"", ".png", ".jpg", ".jpeg", ".exr", ".tif", ".tiff", ".hdr"})
+    if (auto file = entry(folder, other.filename().string() + extension);
+        fs::is_regular_file(file, ignored))
+      return file.string();
+  return path.string();
+}
+
+Result<void> cameras::LeftOut::add(Error why) {
+  if (why.code != ErrorCode::not_found && why.code != ErrorCode::bad_file &&
+      why.code != ErrorCode::unsupported)
+    return tl::unexpected(std::move(why));
+  Reason& reason = reasons_[why.code];
+  if (reason.count++ == 0) reason.first = why.message;
+  if (!first_) first_ = std::move(why);
+  return {};
+}
+
+Result<void> cameras::LeftOut::settle(std::size_t remaining,
+                                      std::vector<std::string>& notes) const {
+  std::size_t total = remaining;
+  for (const auto& [code, reason] : reasons_) total += reason.count;
+  if (first_ && remaining < 2) {
+    Error error = *first_;
+    if (total > 1)
+      error.message += "; of " + std::to_string(total) + " pictures, " + std::to_string(remaining) +
+                       " can be used, and 2 are needed";
+    return tl::unexpected(std::move(error));
+  }
+  for (const auto& [code, reason] : reasons_)
+    notes.push_back(std::to_string(reason.count) + " of " + std::to_string(total) +
+                    " pictures are left out: " + reason.first +
+                    (reason.count > 1 ? "; and so on" : ""));
+  return {};
+}
+
 Result<PictureSet> read_pictures(const std::string& path) {
   std::error_code ignored;
   auto set = fs::is_directory(path, ignored) ? read_folder(path) : read_cameras(path);
   if (!set) return set;
   std::ranges::stable_sort(set->pictures, {}, &Picture::name);
-  for (std::size_t k = 1; k < set->pictures.size(); ++k)
-    if (set->pictures[k].file == set->pictures[k - 1].file)
-      return fail(ErrorCode::bad_file, set->source, ": ", set->pictures[k].name,
-                  ": the picture is there twice");
+  const auto again = std::ranges::unique(set->pictures, {}, &Picture::file);
+  if (!again.empty())
+    set->notes.push_back(std::to_string(again.size()) +
+                         " pictures are there twice: only the first camera of each is used");
+  set->pictures.erase(again.begin(), again.end());
   SLF_TRY(cameras::check_sizes(*set));
   return set;
 }

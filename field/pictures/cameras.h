@@ -1,16 +1,57 @@
 // Reading files of cameras. Internal.
 #pragma once
 
+#include <filesystem>
+#include <map>
+#include <optional>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "base/bytes.h"
+#include "field/image/formats.h"
 #include "slf/pictures.h"
 
 namespace slf::cameras {
 
 inline constexpr std::uint64_t kMaxFileBytes = std::uint64_t{1} << 31;
 inline constexpr std::size_t kMaxPictures = 100000;
+
+/// Finds the files that names in a file of cameras mean, whatever program wrote them.
+class FileFinder {
+ public:
+  explicit FileFinder(std::string folder) : folder_(std::move(folder)) {}
+  /// The path as stated, relative to the folder; if there is no such file, with slashes for
+  /// backslashes, upper for lower case or the reverse, or the extension of a picture. If there is
+  /// none either, the path as stated.
+  [[nodiscard]] std::string find(const std::string& stated);
+
+ private:
+  /// The entry of a folder with this name, whatever its case.
+  std::filesystem::path entry(const std::filesystem::path& folder, const std::string& name);
+  std::filesystem::path folder_like(const std::filesystem::path& path);
+
+  std::string folder_;
+  std::map<std::string, std::map<std::string, std::string>> entries_;  ///< by lower-case name
+};
+
+/// The pictures of a set that cannot be used: other readers leave them out, too.
+class LeftOut {
+ public:
+  /// Counts a picture that is missing, damaged or of an unknown kind. Other errors, as of a disk,
+  /// come back.
+  [[nodiscard]] Result<void> add(Error why);
+  /// Appends notes that count them. The first error, if fewer than two pictures remain.
+  [[nodiscard]] Result<void> settle(std::size_t remaining, std::vector<std::string>& notes) const;
+
+ private:
+  struct Reason {
+    std::size_t count = 0;
+    std::string first;
+  };
+  std::optional<Error> first_;
+  std::map<ErrorCode, Reason> reasons_;
+};
 
 /// Parses transforms.json (untrusted). Paths of pictures are relative to `folder`; sizes and
 /// extensions that are not stated are those of the files. Errors as read_pictures().
@@ -37,9 +78,14 @@ enum class ColmapForm { none, binary, text };
 [[nodiscard]] ColmapForm colmap_form(const std::string& folder);
 [[nodiscard]] Result<ColmapModel> read_colmap(const std::string& folder);
 
+/// The size of a picture. not_found: there is no regular file; the message names `source` and the
+/// camera. Other errors as image_formats::read_image_size().
+[[nodiscard]] Result<image_formats::ImageSize> size_of(const std::string& source,
+                                                       const Picture& picture);
+
 /// Compares the sizes of pictures with those of their cameras: a picture of the same shape but
-/// another size scales the camera, with a note. bad_file: other shapes; transposed ones are named.
-/// io: a picture is missing.
+/// another size scales the camera, with a note. Pictures that are missing, damaged or of another
+/// shape are left out, with a note; the first of these errors, if fewer than two remain.
 [[nodiscard]] Result<void> check_sizes(PictureSet& set);
 
 }  // namespace slf::cameras

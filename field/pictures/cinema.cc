@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
-#include <filesystem>
 #include <map>
 #include <numbers>
 #include <set>
@@ -104,7 +103,6 @@ void set_place(double phi, double theta, double distance, Picture& picture) {
 
 Result<PictureSet> parse_cinema(std::string_view text, const std::string& name,
                                 const std::string& folder) {
-  namespace fs = std::filesystem;
   const Row names = next_row(text);
   if (names.size() > kMaxColumns)
     return fail(ErrorCode::unsupported, name, ": ", names.size(), " columns; up to ", kMaxColumns,
@@ -117,6 +115,8 @@ Result<PictureSet> parse_cinema(std::string_view text, const std::string& name,
   set.source = name;
   std::vector<std::set<std::string>> values(columns.parameters.size());
   Row first;
+  FileFinder finder(folder);
+  LeftOut left_out;
   std::size_t number = 1, others = 0;
   for (Row row = next_row(text); !row.empty(); row = next_row(text)) {
     const std::string place = name + ": row " + std::to_string(++number);
@@ -141,21 +141,26 @@ Result<PictureSet> parse_cinema(std::string_view text, const std::string& name,
       return fail(ErrorCode::bad_file, place, ": phi, theta or view_angle is no number of degrees");
     Picture picture;
     picture.name = row[*columns.file];
-    picture.file = (fs::path(folder) / picture.name).lexically_normal().string();
+    picture.file = finder.find(picture.name);
     if (columns.depth && !row[*columns.depth].empty())
-      picture.depth = (fs::path(folder) / row[*columns.depth]).lexically_normal().string();
-    const auto size = SLF_TRY(image_formats::read_image_size(picture.file));
+      picture.depth = finder.find(row[*columns.depth]);
+    auto size = size_of(name, picture);
+    if (!size) {
+      SLF_TRY(left_out.add(std::move(size.error())));
+      continue;
+    }
     const double half = *angle * std::numbers::pi / 360;
     Lens& lens = picture.lens;
-    lens.width = size.width, lens.height = size.height;
-    lens.fx = lens.fy = size.height / 2.0 / std::tan(half);
-    lens.cx = size.width / 2.0, lens.cy = size.height / 2.0;
+    lens.width = size->width, lens.height = size->height;
+    lens.fx = lens.fy = size->height / 2.0 / std::tan(half);
+    lens.cx = size->width / 2.0, lens.cy = size->height / 2.0;
     lens.finish();
     // ParaView puts the camera where the sphere around the data just fits the narrower side.
     const double narrow = std::atan(std::min(lens.width, lens.height) / 2.0 / lens.fy);
     set_place(*phi, *theta, 1 / std::sin(narrow), picture);
     set.pictures.push_back(std::move(picture));
   }
+  SLF_TRY(left_out.settle(set.pictures.size(), set.notes));
   if (set.pictures.empty()) return fail(ErrorCode::bad_file, name, ": has no pictures");
   set.notes.push_back(
       "the database states no distances: the sphere around the object is taken to "

@@ -1,6 +1,7 @@
 // COLMAP's sparse models, binary and text. Cameras look along +z with y down; a picture's rotation
 // and translation take the world to camera space. Newer versions add files of rigs and frames,
 // which repeat what the files of images say.
+#include <charconv>
 #include <cmath>
 #include <filesystem>
 #include <map>
@@ -215,6 +216,18 @@ bool set_place(const std::array<double, 7>& place, Picture& picture) {
   return true;
 }
 
+/// Whether a line of images.txt is the first one of an image: its tenth word is a name, or the last
+/// one. Lines of points have three numbers each.
+bool begins_image(const std::string& line) {
+  Words words(line);
+  std::string word, further;
+  for (int k = 0; k < 10; ++k)
+    if (word = words.next<std::string>(); word.empty()) return false;
+  double number = 0;
+  const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), number);
+  return error != std::errc() || end != word.data() + word.size() || !(words.stream >> further);
+}
+
 Result<void> read_images(const ColmapModel& model, const std::string& image_folder,
                          const std::map<std::uint64_t, Lens>& lenses, PictureSet& set) {
   const std::string file = model.folder + (model.text ? "/images.txt" : "/images.bin");
@@ -242,8 +255,8 @@ Result<void> read_images(const ColmapModel& model, const std::string& image_fold
   };
   std::array<double, 7> place{};
   if (model.text) {
-    // Every image has two lines; the second one, of points, may be empty.
-    while (const auto line = in.line(false)) {
+    // An image has two lines; the second one, of points, may be empty. Some programs leave it out.
+    for (auto line = in.line(false); line;) {
       Words words(*line);
       words.next<std::uint64_t>();
       for (double& value : place) value = words.next<double>();
@@ -253,7 +266,8 @@ Result<void> read_images(const ColmapModel& model, const std::string& image_fold
       std::getline(words.stream >> std::ws, name);
       if (name.empty()) return truncated();
       SLF_TRY(add(place, camera, name));
-      in.line(true);
+      line = in.line(true);
+      if (!line || !begins_image(*line)) line = in.line(false);
     }
     return {};
   }

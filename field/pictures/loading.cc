@@ -13,6 +13,7 @@
 #include "base/reporter.h"
 #include "base/try.h"
 #include "field/image/formats.h"
+#include "field/pictures/cameras.h"
 #include "field/volume/stack.h"
 
 namespace slf {
@@ -77,6 +78,45 @@ Result<std::vector<float>> read_depths(const std::string& path,
   return depths;
 }
 
+/// Where a mask shows the object: where it is not 0, of a palette the index. JPEG blurs, so there
+/// half of white is the limit.
+Result<std::vector<bool>> read_mask(const std::string& path,
+                                    const image_formats::ImageSize& expected) {
+  const auto head = SLF_TRY(volume_io::read_head(path, 8));
+  std::optional<volume_io::SliceKind> kind;
+  std::vector<std::byte> samples;
+  std::vector<bool> mask;
+  image_formats::ImageSize size;
+  auto image = volume_io::looks_like_png(head) ? Result<Image>() : read_image(path);
+  if (volume_io::looks_like_png(head)) {
+    kind = SLF_TRY(volume_io::read_png_as_stored(path, samples));
+  } else if (!image && volume_io::looks_like_tiff(head)) {  // with a palette, perhaps
+    SLF_TRY(volume_io::append_tiff(path, {.component = 0}, kind, samples));
+    kind->components = 1;
+  } else if (!image) {
+    return tl::unexpected(image.error());
+  }
+  if (kind) {
+    size = {kind->width, kind->height};
+    const std::size_t width = bytes_per_voxel(kind->type), pixel = width * kind->components;
+    const std::size_t colors = kind->alpha ? pixel - width : pixel;
+    const auto is_set = [](std::byte b) { return b != std::byte{0}; };
+    for (std::size_t at = 0; at + pixel <= samples.size(); at += pixel) {
+      const std::span<const std::byte> all(&samples[at], pixel);
+      mask.push_back(std::ranges::any_of(all.first(colors), is_set) &&
+                     (!kind->alpha || std::ranges::any_of(all.subspan(colors), is_set)));
+    }
+  } else {
+    size = {image->width, image->height};
+    const float limit = volume_io::looks_like_jpeg(head) ? 0.5f : 0;
+    for (const glm::vec4& p : image->rgba) mask.push_back(std::max({p.r, p.g, p.b}) > limit);
+  }
+  if (size != expected || mask.size() != std::size_t{size.width} * size.height)
+    return fail(ErrorCode::bad_file, path, ": a mask of ", size.width, "x", size.height,
+                " pixels for a picture of ", expected.width, "x", expected.height);
+  return mask;
+}
+
 /// The depth along z of what a file states for the pixel in direction `way`; 0: not known.
 float along_z(float stated, DepthKind kind, double scale, const glm::dvec3& way) {
   if (!(stated > 0) || !std::isfinite(stated)) return 0;
@@ -137,11 +177,9 @@ Result<Image> decode_picture(const Picture& picture, ByteSpan bytes) {
     return fail(ErrorCode::bad_file, picture.file, ": is ", size.width, "x", size.height,
                 " pixels, not ", picture.lens.width, "x", picture.lens.height, " as before");
   if (!picture.mask.empty()) {
-    const auto mask = SLF_TRY(read_image(picture.mask));
-    if (image_formats::ImageSize{mask.width, mask.height} != size)
-      return fail(ErrorCode::bad_file, picture.mask, ": a mask of ", mask.width, "x", mask.height,
-                  " pixels for a picture of ", size.width, "x", size.height);
-    for (std::size_t p = 0; p < image->rgba.size(); ++p) image->rgba[p] *= mask.rgba[p].r;
+    const auto mask = SLF_TRY(read_mask(picture.mask, size));
+    for (std::size_t p = 0; p < image->rgba.size(); ++p)
+      if (!mask[p]) image->rgba[p] = glm::vec4(0);
   }
   if (!picture.depth.empty()) {
     auto depths = SLF_TRY(read_depths(picture.depth, size));
@@ -186,14 +224,13 @@ Result<Sphere> first_sphere(const PictureSet& set) {
   return sphere;
 }
 
-Result<Loaded> load_views(const PictureSet& set, const Sphere& sphere,
-                          const PictureSceneOptions& options) {
+Result<Loaded> load_views(const Sphere& sphere, const PictureSceneOptions& options,
+                          PictureSet& set) {
   const std::size_t count = set.pictures.size();
   Loaded loaded;
   loaded.views.resize(count);
   loaded.hashes.resize(count);
   std::vector<Result<void>> results(count);
-  std::atomic<std::uint64_t> with_depth{0};
   std::atomic<bool> masks{false};
   const double voxel = 2 * sphere.radius / options.voxels;
   Reporter reporter(options.progress, {0, count, 0}, "stopped while pictures were read");
@@ -206,19 +243,40 @@ Result<Loaded> load_views(const PictureSet& set, const Sphere& sphere,
       const double pixel = glm::distance(picture.eye, sphere.center) / picture.lens.fx;
       loaded.views[k] = make_small_view(
           picture, image, static_cast<std::uint32_t>(std::clamp(voxel / pixel, 1.0, 64.0)));
-      with_depth += !image.depth.empty();
       if (std::ranges::any_of(image.rgba, [](const glm::vec4& p) { return p.a < 0.5f; }))
         masks = true;
       return {};
     }();
   }));
-  for (auto& result : results)
-    if (!result) return tl::unexpected(std::move(result.error()));
+  cameras::LeftOut left_out;
+  std::size_t kept = 0, with_depth = 0;
+  for (std::size_t k = 0; k < count; ++k) {
+    if (!results[k]) {
+      SLF_TRY(left_out.add(std::move(results[k].error())));
+      continue;
+    }
+    with_depth += loaded.views[k].depth.empty() ? 0 : 1;
+    if (kept != k) {
+      set.pictures[kept] = std::move(set.pictures[k]);
+      loaded.views[kept] = std::move(loaded.views[k]);
+      loaded.hashes[kept] = loaded.hashes[k];
+    }
+    ++kept;
+  }
+  set.pictures.resize(kept);
+  loaded.views.resize(kept);
+  loaded.hashes.resize(kept);
+  std::vector<std::string> notes;
+  SLF_TRY(left_out.settle(kept, notes));
   loaded.masks = masks;
-  loaded.depths = with_depth == count;
-  if (with_depth > 0 && !loaded.depths)
-    return fail(ErrorCode::bad_file, set.source, ": ", with_depth, " of ", count,
-                " pictures have depth; expected all or none");
+  loaded.depths = with_depth > 0 && 2 * with_depth >= kept;
+  if (with_depth > 0 && with_depth < kept)
+    notes.push_back(std::to_string(with_depth) + " of " + std::to_string(kept) +
+                    " pictures have depth: " +
+                    (loaded.depths ? "of the others, it is not known" : "it is not used"));
+  for (SmallView& view : loaded.views) view.depth.resize(loaded.depths ? view.rgba.size() : 0);
+  for (const std::string& note : notes)
+    if (options.on_note) options.on_note(set.source + ": " + note);
   return loaded;
 }
 

@@ -19,7 +19,7 @@ struct Loaded {
   std::vector<SmallView> views;
   std::vector<std::uint64_t> hashes;  ///< of the files of colours
   bool masks = false;                 ///< some pixels are transparent
-  bool depths = false;                ///< every picture has depth
+  bool depths = false;                ///< at least half of the pictures have depth
   DepthKind kind = DepthKind::unknown;
   double disagreement = 0;  ///< relative, of depths in pairs of pictures
 };
@@ -32,10 +32,11 @@ struct Loaded {
 /// not show where it is.
 [[nodiscard]] Result<Sphere> first_sphere(const PictureSet& set);
 
-/// Decodes all pictures. `sphere` says how fine views must be. Errors of decode_picture(); failed:
-/// stopped by the options' progress.
-[[nodiscard]] Result<Loaded> load_views(const PictureSet& set, const Sphere& sphere,
-                                        const PictureSceneOptions& options);
+/// Decodes all pictures, and takes those that are damaged out of the set, with a note. `sphere`
+/// says how fine views must be. Errors of decode_picture(), if fewer than two pictures remain;
+/// cancelled: stopped by the options' progress.
+[[nodiscard]] Result<Loaded> load_views(const Sphere& sphere, const PictureSceneOptions& options,
+                                        PictureSet& set);
 
 /// Finds the kind of depths, and converts them to depths along z in world units. usage: depths of
 /// neighbouring pictures disagree.

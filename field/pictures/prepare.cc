@@ -48,7 +48,7 @@ Result<Prepared> prepare_pictures(PictureSet set, const PictureSceneOptions& opt
     return fail(ErrorCode::usage, set.source, ": ", set.pictures.size(),
                 " pictures; expected at least 2");
   Sphere guess = SLF_TRY(options.sphere ? *options.sphere : first_sphere(set));
-  auto loaded = SLF_TRY(load_views(set, guess, options));
+  auto loaded = SLF_TRY(load_views(guess, options, set));
   if (options.keep_background && loaded.masks)
     return fail(ErrorCode::usage, set.source,
                 ": the background cannot be kept: alpha or masks hide it in the pictures");
@@ -69,13 +69,7 @@ Result<Prepared> prepare_pictures(PictureSet set, const PictureSceneOptions& opt
     if (sphere.radius == 0) return empty();
   }
   Surface surface(sphere, options.voxels);
-  if (loaded.masks) {
-    SLF_TRY(carve(loaded.views, options.threads, surface));
-  } else {
-    for (std::size_t k = 0; k < std::size_t{surface.side()} * surface.side() * surface.side(); ++k)
-      surface.set(k, -1);
-    surface.finish();
-  }
+  SLF_TRY(carve(loaded.views, options.threads, surface));
   std::optional<Surface> hull;
   std::string depth = "silhouettes";
   if (loaded.depths) {

@@ -28,39 +28,30 @@ std::string text_in(const Json& json, const char* key) {
   return found != json.end() && found->is_string() ? found->get<std::string>() : "";
 }
 
-/// The path as stated or, if there is no such file, with an extension of a picture.
-std::string find_file(const std::string& folder, const std::string& stated) {
-  const std::string path = (fs::path(folder) / stated).lexically_normal().string();
-  std::error_code ignored;
-  if (fs::is_regular_file(path, ignored)) return path;
-  for (const char* extension : {".png", ".jpg", ".jpeg", ".exr", ".tif", ".tiff", ".PNG", ".JPG",
-                                ".JPEG", ".EXR", ".TIF", ".TIFF", ".hdr"})
-    if (fs::is_regular_file(path + extension, ignored)) return path + extension;
-  return path;
-}
-
 class Reader {
  public:
   Reader(const Json& root, const std::string& name, const std::string& folder)
-      : root_(root), name_(name), folder_(folder) {}
+      : root_(root), name_(name), finder_(folder) {}
 
-  Result<Picture> picture(const Json& frame, std::size_t number) const {
+  Result<Picture> picture(const Json& frame, std::size_t number) {
     Picture picture;
     picture.name = text_in(frame, "file_path");
     const std::string place = name_ + ": frame " + std::to_string(number) +
                               (picture.name.empty() ? "" : " (" + picture.name + ")");
     if (picture.name.empty())
       return fail(ErrorCode::bad_file, place, ": expected a member \"file_path\"");
-    picture.file = find_file(folder_, picture.name);
+    picture.file = finder_.find(picture.name);
     for (const auto& [key, file] : {std::pair{"mask_path", &picture.mask},
                                     {"depth_file_path", &picture.depth},
                                     {"depth_path", &picture.depth}})
       if (const std::string stated = text_in(frame, key); !stated.empty())
-        *file = find_file(folder_, stated);
+        *file = finder_.find(stated);
     SLF_TRY(set_place(frame, place, picture));
     SLF_TRY(set_lens(frame, place, picture));
     return picture;
   }
+
+  [[nodiscard]] const LeftOut& left_out() const { return left_out_; }
 
  private:
   /// Member of the frame or, if it has none, of the file.
@@ -109,7 +100,8 @@ class Reader {
     return {};
   }
 
-  Result<void> set_lens(const Json& frame, const std::string& place, Picture& picture) const {
+  /// Leaves the size at 0 if it is not stated and the picture cannot be read.
+  Result<void> set_lens(const Json& frame, const std::string& place, Picture& picture) {
     Lens& lens = picture.lens;
     const auto w = number(frame, "w"), h = number(frame, "h");
     if (w && h) {
@@ -119,9 +111,10 @@ class Reader {
       lens.width = static_cast<std::uint32_t>(*w);
       lens.height = static_cast<std::uint32_t>(*h);
     } else {
-      const auto size = SLF_TRY(image_formats::read_image_size(picture.file));
-      lens.width = size.width;
-      lens.height = size.height;
+      auto size = size_of(name_, picture);
+      if (!size) return left_out_.add(std::move(size.error()));
+      lens.width = size->width;
+      lens.height = size->height;
     }
     const auto focal = [&](const char* length, const char* angle,
                            std::uint32_t side) -> std::optional<double> {
@@ -170,7 +163,8 @@ class Reader {
 
   const Json& root_;
   const std::string& name_;
-  const std::string& folder_;
+  FileFinder finder_;
+  LeftOut left_out_;
 };
 
 }  // namespace
@@ -188,11 +182,12 @@ Result<PictureSet> parse_transforms(std::string_view text, const std::string& na
                 " are read");
   PictureSet set;
   set.source = name;
-  const Reader reader(root, name, folder);
+  Reader reader(root, name, folder);
   for (std::size_t k = 0; k < frames.size(); ++k) {
     auto picture = SLF_TRY(reader.picture(frames[k], k));
-    set.pictures.push_back(std::move(picture));
+    if (picture.lens.width > 0) set.pictures.push_back(std::move(picture));
   }
+  SLF_TRY(reader.left_out().settle(set.pictures.size(), set.notes));
   for (const char* ignored : {"aabb_scale", "scale", "offset"})
     if (root.contains(ignored))
       set.notes.push_back(std::string(ignored) +

@@ -50,32 +50,47 @@ SmallView make_small_view(const Picture& picture, const Image& image, std::uint3
       view.rgba[std::size_t{y} * view.width + x] = {byte_from_float(sum.r), byte_from_float(sum.g),
                                                     byte_from_float(sum.b), byte_from_float(sum.a)};
     }
+  const auto is_opaque = [](float alpha) { return alpha >= kSilhouette; };
+  const auto rim = [&](std::size_t x, std::size_t y) {
+    return is_opaque(image.rgba[y * image.width + x].a);
+  };
+  bool cut = false;
+  for (std::size_t x = 0; x < image.width; ++x) cut |= rim(x, 0) || rim(x, image.height - 1);
+  for (std::size_t y = 0; y < image.height; ++y) cut |= rim(0, y) || rim(image.width - 1, y);
+  view.whole = !cut && std::ranges::any_of(view.rgba, [&](const glm::u8vec4& p) {
+    return is_opaque(static_cast<float>(p.a) / 255);
+  });
   return view;
 }
 
 Result<void> carve(const std::vector<SmallView>& views, unsigned threads, Surface& surface) {
   const std::uint32_t side = surface.side();
+  const auto whole = std::ranges::count_if(views, &SmallView::whole);
   auto done = parallel_for(side, threads, [&](std::uint64_t z) {
     for (std::uint32_t y = 0; y < side; ++y)
       for (std::uint32_t x = 0; x < side; ++x) {
         const glm::dvec3 world = surface.center(x, y, static_cast<std::uint32_t>(z));
         double least = 1;
-        bool seen = false;
+        std::size_t seen = 0;
+        std::ptrdiff_t beside = 0;  // pictures of the whole object
         for (const SmallView& view : views) {
           const glm::dvec3 at = view.project(world);
-          if (!(at.z > 0)) continue;
           const double px = at.x - 0.5, py = at.y - 0.5;
-          if (!(px >= 0 && py >= 0 && px < view.width - 1 && py < view.height - 1)) continue;
+          if (!(at.z > 0 && px >= 0 && py >= 0 && px < view.width - 1 && py < view.height - 1)) {
+            beside += view.whole ? 1 : 0;
+            continue;
+          }
           const auto ix = static_cast<std::size_t>(px), iy = static_cast<std::size_t>(py);
           const double fx = px - static_cast<double>(ix), fy = py - static_cast<double>(iy);
           const glm::u8vec4* p = &view.rgba[iy * view.width + ix];
           const double top = p[0].a + fx * (p[1].a - p[0].a);
           const double bottom = p[view.width].a + fx * (p[view.width + 1].a - p[view.width].a);
-          seen = true;
+          ++seen;
           least = std::min(least, (top + fy * (bottom - top)) / 255);
           if (least == 0) break;
         }
-        if (!seen) least = 0;
+        // Where a voxel is outside already, not all views were asked.
+        if (4 * seen < views.size() || (beside > 0 && 3 * beside >= whole)) least = 0;
         const double value = least < kSilhouette ? 1 - least / kSilhouette
                                                  : (kSilhouette - least) / (1 - kSilhouette);
         surface.set(surface.index(x, y, static_cast<std::uint32_t>(z)), value);

@@ -20,6 +20,7 @@ struct SmallView {
   glm::dvec3 eye{0.0};
   std::vector<glm::u8vec4> rgba;        ///< premultiplied
   std::vector<float> depth;             ///< along z, in world units; 0: not known; or empty
+  bool whole = false;                   ///< the silhouette ends within the picture
   std::vector<std::uint8_t> confirmed;  ///< number of other views that confirm the depth; or empty
 
   /// Place in pixels and depth along z. REQUIRES: nothing; z <= 0 is behind the camera.
@@ -37,7 +38,9 @@ struct SmallView {
 [[nodiscard]] SmallView make_small_view(const Picture& picture, const Image& image,
                                         std::uint32_t factor);
 
-/// Sets the values of the grid to the visual hull: what is in the silhouettes of all views.
+/// Sets the values of the grid to the visual hull: what is in the silhouettes of all views that see
+/// it, if these are a quarter of all. Views whose silhouettes are whole also show what is not the
+/// object beside their pictures: a third of them suffice, as single ones may show a part only.
 [[nodiscard]] Result<void> carve(const std::vector<SmallView>& views, unsigned threads,
                                  Surface& surface);
 

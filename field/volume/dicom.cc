@@ -210,10 +210,6 @@ Result<void> read_format(const DicomLookup& file, DicomSlice& slice) {
   if (const auto whole = file.integer(kMatrixColumns); whole && *whole > slice.width)
     return fail(ErrorCode::unsupported, slice.path,
                 ": tiles of a microscope's slide, expected slices of a volume");
-  if (file.text(kImageType).find("MOSAIC") != std::string::npos)
-    return fail(ErrorCode::unsupported, slice.path,
-                ": a mosaic, whose one picture holds all slices: convert it, e.g. "
-                "`dcm2niix FOLDER`");
   slice.pixels_at = kPixelData;
   for (const auto& [tag, type] :
        {std::pair{kFloatPixels, ScalarType::f32}, std::pair{kDoublePixels, ScalarType::f64}})
@@ -445,6 +441,12 @@ Result<void> count_frames(const DicomFile& file, const DicomLookup& values, Dico
 Result<std::vector<DicomSlice>> read_picture(const DicomFile& file, const DicomLookup& values,
                                              DicomSlice slice) {
   if (file.damage) return tl::unexpected(*file.damage);
+  // The frames of an enhanced file have places of their own, whatever words its ImageType has.
+  if (file.data.items(kSharedGroups).empty() && file.data.items(kFrameGroups).empty() &&
+      values.text(kImageType).find("MOSAIC") != std::string::npos)
+    return fail(ErrorCode::unsupported, slice.path,
+                ": a mosaic, whose one picture holds all slices: convert it, e.g. "
+                "`dcm2niix FOLDER`");
   SLF_TRY(read_format(values, slice));
   SLF_TRY(read_encoding(file, slice));
   SLF_TRY(count_frames(file, values, slice));

@@ -7,7 +7,6 @@
 #include <array>
 #include <bit>
 #include <cmath>
-#include <fstream>
 #include <sstream>
 
 #include "base/bytes.h"
@@ -259,9 +258,9 @@ std::string inflated(const std::string& path, std::string_view packed,
 Result<std::string> read_whole(const std::string& path) {
   constexpr std::size_t kMaxFile = std::size_t{1} << 30;
   if (packing_of_file(path) != Packing::none) return read_unpacked(path, kMaxFile);
+  auto file = SLF_TRY(open_regular(path));
   const auto size = SLF_TRY(file_size(path));
   std::string bytes(size, '\0');
-  std::ifstream file(path, std::ios::binary);
   if (!file.read(bytes.data(), static_cast<std::streamsize>(bytes.size())))
     return fail(ErrorCode::io, path, ": cannot be read");
   return bytes;

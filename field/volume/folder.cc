@@ -59,21 +59,43 @@ constexpr std::array<PictureFormat, 3> kFormats = {
      {"JPEGs", looks_like_jpeg, one_slice<append_jpeg>},
      {"TIFFs", looks_like_tiff, append_tiff}}};
 
-Result<Volume> stack(const std::string& path, const std::vector<std::string>& files,
+Result<Volume> stack(const std::string& path, std::vector<std::string> files,
                      const PictureFormat& format, const VolumeOptions& options) {
   Volume volume;
   volume.source = path;
   SLF_TRY(check_numbering(path, files, volume.notes));
   const bool may_have_times = format.append == append_tiff;
   SLF_TRY(choose(path, may_have_times ? std::nullopt : options.time, 1, "time point"));
+  // Strays, or what a scanner broke off, are first or last: the one in the middle says what slices
+  // are like. In between, a slice that is left out would shift others.
   std::optional<SliceKind> kind;
+  std::vector<std::byte> middle;
+  SLF_TRY(format.append(files[files.size() / 2], options, kind, middle));
   std::uint64_t slices = 0;
+  std::vector<std::string> used;
+  std::optional<Error> broken;
+  std::size_t left_out = 0;
+  bool ended = false;
   for (const auto& file : files) {
-    const auto appended = SLF_TRY(format.append(file, options, kind, volume.voxels));
-    slices += appended;
+    const std::size_t before = volume.voxels.size();
+    auto appended = format.append(file, options, kind, volume.voxels);
+    if (appended && !ended) {
+      slices += *appended;
+      used.push_back(file);
+      continue;
+    }
+    volume.voxels.resize(before);
+    ended = !used.empty();
+    if (!broken || !appended) broken = std::move(appended.error());
+    const bool stray =
+        broken->code == ErrorCode::bad_file || broken->code == ErrorCode::unsupported;
+    if (appended || !stray || !are_strays(++left_out, files.size())) return tl::unexpected(*broken);
   }
+  if (broken)
+    volume.notes.push_back("left out " + std::to_string(left_out) + " of " +
+                           std::to_string(files.size()) + " pictures: " + broken->message);
   volume.type = kind->type;
-  volume.files = files;
+  volume.files = std::move(used);
   volume.dims =
       SLF_TRY(check_dims(path, std::array<std::uint64_t, 3>{kind->width, kind->height, slices}));
   if (!options.spacing)
@@ -88,16 +110,19 @@ Result<std::optional<Volume>> read_set(const std::vector<std::string>& files,
   const auto name_of = [](const std::string& file) {
     return std::filesystem::path(file).filename().string();
   };
-  const auto described = SLF_TRY(files_of_tiff_set(files.front()));
-  if (described.empty() || described == std::set<std::string>{name_of(files.front())})
-    return std::nullopt;
-  for (const std::string& file : files)
-    if (!described.contains(name_of(file)))
-      return fail(ErrorCode::unsupported, file, ": is not one of the ", described.size(),
-                  " files that the OME metadata of ", files.front(),
-                  " describe: move it to a folder of its own, or name a file of the set");
-  auto volume = SLF_TRY(read_tiff(files.front(), options));
-  return std::optional<Volume>(std::move(volume));
+  for (const std::string& file : {files.front(), files.back()}) {
+    const auto described = SLF_TRY(files_of_tiff_set(file));
+    if (described.empty() || described == std::set<std::string>{name_of(file)}) continue;
+    auto volume = SLF_TRY(read_tiff(file, options));
+    const auto strays = std::ranges::count_if(
+        files, [&](const std::string& other) { return !described.contains(name_of(other)); });
+    if (strays > 0)
+      volume.notes.push_back("left out " + std::to_string(strays) + " of " +
+                             std::to_string(files.size()) + " TIFFs, which the OME metadata of " +
+                             name_of(file) + " do not name");
+    return std::optional<Volume>(std::move(volume));
+  }
+  return std::nullopt;
 }
 
 }  // namespace
@@ -112,8 +137,8 @@ Result<void> same_kind(const std::string& source, const SliceKind& here,
                        std::optional<SliceKind>& kind) {
   if (!kind) kind = here;
   if (*kind == here) return {};
-  return fail(ErrorCode::unsupported, source, ": ", describe(here),
-              ", unlike the slices before it (", describe(*kind), ")");
+  return fail(ErrorCode::unsupported, source, ": ", describe(here), ", unlike the other slices (",
+              describe(*kind), ")");
 }
 
 Result<ComponentSelector> ComponentSelector::make(const std::string& source, const SliceKind& kind,
@@ -173,14 +198,16 @@ Result<Volume> read_folder(const std::string& path, const VolumeOptions& options
   if (any_dicom) return read_dicom_folder(path, options);
   SLF_TRY(refuse_series(path, options));
   std::string found;
-  std::size_t kinds = 0, format = 0;
+  std::size_t all = 0, format = 0;
   for (std::size_t i = 0; i < kFormats.size(); ++i) {
     if (files[i].empty()) continue;
-    found.append(kinds++ ? " and " : "").append(std::to_string(files[i].size()));
+    found.append(all > 0 ? " and " : "").append(std::to_string(files[i].size()));
     found.append(" ").append(kFormats[i].plural);
-    format = i;
+    all += files[i].size();
+    if (files[i].size() > files[format].size()) format = i;
   }
-  if (kinds > 1)
+  const std::size_t strays = all - files[format].size();
+  if (strays > 0 && !are_strays(strays, all))
     return fail(ErrorCode::unsupported, path, ": ", found,
                 ", expected one kind: move the others to a folder of their own");
   std::sort(files[format].begin(), files[format].end(), natural_less);
@@ -188,7 +215,10 @@ Result<Volume> read_folder(const std::string& path, const VolumeOptions& options
     auto set = SLF_TRY(read_set(files[format], options));
     if (set) return std::move(*set);
   }
-  return stack(path, files[format], kFormats[format], options);
+  auto volume = stack(path, files[format], kFormats[format], options);
+  if (volume && strays > 0)
+    volume->notes.push_back("of " + found + ", only the " + kFormats[format].plural + " are read");
+  return volume;
 }
 
 }  // namespace slf::volume_io

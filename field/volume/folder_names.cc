@@ -83,8 +83,8 @@ std::string missing(const std::vector<std::uint64_t>& numbers, std::uint64_t ste
   return text;
 }
 
-/// Refuses names of several patterns, unless no two names share one.
-Result<void> check_patterns(const std::string& folder, const std::vector<PictureName>& names,
+/// Refuses names of several patterns, unless no two names share one. Strays are erased.
+Result<void> check_patterns(const std::string& folder, std::vector<PictureName>& names,
                             std::vector<std::string>& notes) {
   std::map<std::string, std::vector<std::string>> by_pattern;
   for (const auto& name : names) by_pattern[name.pattern].push_back(name.name);
@@ -97,6 +97,16 @@ Result<void> check_patterns(const std::string& folder, const std::vector<Picture
   for (auto& [pattern, members] : by_pattern) series.push_back(std::move(members));
   std::stable_sort(series.begin(), series.end(),
                    [](const auto& a, const auto& b) { return a.size() > b.size(); });
+  const std::size_t strays = names.size() - series[0].size();
+  if (are_strays(strays, names.size())) {
+    const std::string kept = parse_name(series[0].front()).pattern;
+    std::erase_if(names, [&](const PictureName& name) { return name.pattern != kept; });
+    notes.push_back("left out " + std::to_string(strays) + " of " +
+                    std::to_string(names.size() + strays) + " pictures, " +
+                    in_quotes(series[1].front()) + (strays > 1 ? " and others, named" : ", named") +
+                    " unlike the series " + in_quotes(series[0].front()));
+    return {};
+  }
   return fail(ErrorCode::unsupported, folder, ": pictures of ", series.size(),
               " series: ", series[0].size(), " as ", in_quotes(series[0].front()), ", ",
               series[1].size(), " as ", in_quotes(series[1].front()),
@@ -105,11 +115,15 @@ Result<void> check_patterns(const std::string& folder, const std::vector<Picture
 
 }  // namespace
 
-Result<void> check_numbering(const std::string& folder, const std::vector<std::string>& files,
+Result<void> check_numbering(const std::string& folder, std::vector<std::string>& files,
                              std::vector<std::string>& notes) {
   std::vector<PictureName> names;
   for (const auto& file : files) names.push_back(parse_name(file));
   if (auto ok = check_patterns(folder, names, notes); !ok) return ok;
+  std::set<std::string> kept;
+  for (const auto& name : names) kept.insert(name.name);
+  std::erase_if(files,
+                [&](const std::string& file) { return !kept.contains(parse_name(file).name); });
   const auto& pattern = names.front().pattern;
   if (names.back().pattern != pattern || names.size() < 2) return {};
   if (std::any_of(names.begin(), names.end(), [](const auto& name) { return name.too_long; }))

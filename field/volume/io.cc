@@ -74,10 +74,7 @@ Result<ByteReader> ByteReader::open(const std::string& path, std::uint64_t offse
   const auto size = SLF_TRY(file_size(path));
   auto state = std::make_unique<State>();
   state->path = path;
-  state->file.open(path, std::ios::binary);
-  if (!state->file)
-    return fail(errno == ENOENT ? ErrorCode::not_found : ErrorCode::io, path,
-                ": cannot be opened: ", std::strerror(errno));
+  state->file = SLF_TRY(open_regular(path));
   state->file.seekg(static_cast<std::streamoff>(offset));
   if (packed) {
     state->chunk.resize(std::clamp<std::uint64_t>(size, 1, kInputChunk));
@@ -96,19 +93,6 @@ Result<std::size_t> ByteReader::read(std::span<std::byte> to) {
   if (state_->unpacker) return state_->unpack(to);
   state_->file.read(reinterpret_cast<char*>(to.data()), static_cast<std::streamsize>(to.size()));
   return static_cast<std::size_t>(state_->file.gcount());
-}
-
-Result<std::uint64_t> file_size(const std::string& path) {
-  std::error_code code;
-  const auto status = std::filesystem::status(path, code);
-  if (status.type() == std::filesystem::file_type::not_found)
-    return fail(ErrorCode::not_found, path, ": no such file");
-  if (code) return fail(ErrorCode::io, path, ": ", code.message());  // such as permission denied
-  if (status.type() != std::filesystem::file_type::regular)
-    return fail(ErrorCode::io, path, ": not a regular file");
-  const auto size = std::filesystem::file_size(path, code);
-  if (code) return fail(ErrorCode::io, path, ": ", code.message());
-  return size;
 }
 
 Result<std::string> read_head(const std::string& path, std::size_t limit) {

@@ -14,6 +14,7 @@
 #include <string_view>
 #include <vector>
 
+#include "base/file.h"
 #include "field/volume/packing.h"
 #include "slf/error.h"
 #include "slf/volume.h"
@@ -63,9 +64,6 @@ class ByteReader {
   explicit ByteReader(std::unique_ptr<State> state);
   std::unique_ptr<State> state_;
 };
-
-/// io: missing or not a regular file.
-[[nodiscard]] Result<std::uint64_t> file_size(const std::string& path);
 
 /// The first bytes of a file, at most `limit`, unpacked if it is packed.
 [[nodiscard]] Result<std::string> read_head(const std::string& path, std::size_t limit);

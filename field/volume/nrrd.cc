@@ -361,7 +361,7 @@ Result<std::uint64_t> parse_skip(const std::string& path, const FieldMap& fields
 
 Result<std::uint64_t> offset_after_lines(const std::string& path, std::uint64_t from,
                                          std::uint64_t lines) {
-  std::ifstream file(path, std::ios::binary);
+  auto file = SLF_TRY(open_regular(path));
   file.seekg(static_cast<std::streamoff>(from));
   for (std::uint64_t line = 0; line < lines; ++line) {
     file.ignore(std::numeric_limits<std::streamsize>::max(), '\n');

@@ -191,10 +191,11 @@ bool begins_member(Packing packing, std::byte first) {
 
 Packing packing_of_file(const std::string& path, std::uint64_t offset) {
   std::array<char, 10> head{};
-  std::ifstream file(path, std::ios::binary);
-  file.seekg(static_cast<std::streamoff>(offset));
-  file.read(head.data(), head.size());
-  return packing_of({head.data(), static_cast<std::size_t>(file.gcount())});
+  auto file = open_regular(path);
+  if (!file) return Packing::none;  // reading it says what is wrong
+  file->seekg(static_cast<std::streamoff>(offset));
+  file->read(head.data(), head.size());
+  return packing_of({head.data(), static_cast<std::size_t>(file->gcount())});
 }
 
 const char* name(Packing packing) {

@@ -6,7 +6,6 @@
 #include <csetjmp>
 #include <cstdio>
 #include <cstring>
-#include <fstream>
 
 #include "base/try.h"
 #include "field/volume/stack.h"
@@ -48,11 +47,15 @@ void on_read(png_structp png, png_bytep to, std::size_t count) {
   reader.at += count;
 }
 
-/// Reads the header, and requests pixels of 8 or 16 bits with 1 to 4 channels.
-bool read_header(Reader& reader) {
+/// Reads the header, and requests pixels of 8 or 16 bits with 1 to 4 channels. Unless `as_stored`,
+/// palettes become colours, and few bits 8.
+bool read_header(Reader& reader, bool as_stored) {
   if (setjmp(png_jmpbuf(reader.png))) return false;
   png_read_info(reader.png, reader.info);
-  png_set_expand(reader.png);  // palettes and few bits become 8 bits
+  if (as_stored)
+    png_set_packing(reader.png);
+  else
+    png_set_expand(reader.png);
   if constexpr (std::endian::native == std::endian::little) png_set_swap(reader.png);
   png_set_interlace_handling(reader.png);
   png_read_update_info(reader.png, reader.info);
@@ -72,38 +75,60 @@ bool read_pixels(Reader& reader) {
   return true;
 }
 
+tl::unexpected<Error> damaged(const std::string& path, const Reader& reader) {
+  return fail(ErrorCode::bad_file, path, ": damaged PNG: ", reader.message.data());
+}
+
+/// Reads a file up to its pixels.
+Result<void> begin_png(const std::string& path, bool as_stored, Reader& reader) {
+  const auto size = SLF_TRY(file_size(path));
+  auto file = SLF_TRY(ByteReader::open(path, 0, false));
+  reader.bytes.resize(size);
+  SLF_TRY(file.read(reader.bytes));
+  reader.png = png_create_read_struct(PNG_LIBPNG_VER_STRING, &reader, on_error, on_warning);
+  if (reader.png) reader.info = png_create_info_struct(reader.png);
+  if (!reader.info) return fail(ErrorCode::out_of_memory, path, ": no memory to read it");
+  png_set_read_fn(reader.png, &reader, on_read);
+  if (!read_header(reader, as_stored)) return damaged(path, reader);
+  return {};
+}
+
+/// Reads the pixels.
+Result<void> finish_png(const std::string& path, Reader& reader) {
+  const SliceKind& kind = reader.kind;
+  const std::size_t row = std::size_t{kind.width} * kind.components * bytes_per_voxel(kind.type);
+  // Deflate packs at most 1032:1, and few bits were expanded at most 8 times, palettes 4 times
+  // more.
+  if (row > reader.bytes.size() * 1032 * 32 / kind.height + 1)
+    return fail(ErrorCode::bad_file, path, ": ", describe(kind), " cannot be in ",
+                reader.bytes.size(), " bytes");
+  reader.samples.resize(row * kind.height);
+  for (std::uint32_t y = 0; y < kind.height; ++y)
+    reader.rows.push_back(reinterpret_cast<png_bytep>(reader.samples.data() + y * row));
+  if (!read_pixels(reader)) return damaged(path, reader);
+  return {};
+}
+
 }  // namespace
 
 bool looks_like_png(std::string_view head) { return head.starts_with("\x89PNG\r\n\x1a\n"); }
 
 Result<void> append_png(const std::string& path, const VolumeOptions& options,
                         std::optional<SliceKind>& kind, std::vector<std::byte>& voxels) {
-  const auto size = SLF_TRY(file_size(path));
-  auto file = SLF_TRY(ByteReader::open(path, 0, false));
   Reader reader;
-  reader.bytes.resize(size);
-  SLF_TRY(file.read(reader.bytes));
-  const auto damaged = [&] {
-    return fail(ErrorCode::bad_file, path, ": damaged PNG: ", reader.message.data());
-  };
-  reader.png = png_create_read_struct(PNG_LIBPNG_VER_STRING, &reader, on_error, on_warning);
-  if (reader.png) reader.info = png_create_info_struct(reader.png);
-  if (!reader.info) return fail(ErrorCode::out_of_memory, path, ": no memory to read it");
-  png_set_read_fn(reader.png, &reader, on_read);
-  if (!read_header(reader)) return damaged();
+  SLF_TRY(begin_png(path, false, reader));
   SLF_TRY(same_kind(path, reader.kind, kind));
   const auto taker = SLF_TRY(ComponentSelector::make(path, *kind, options));
-
-  const std::size_t row = std::size_t{kind->width} * kind->components * bytes_per_voxel(kind->type);
-  // Deflate packs at most 1032:1, and few bits were expanded at most 8 times, palettes 4 times
-  // more.
-  if (row > size * 1032 * 32 / kind->height + 1)
-    return fail(ErrorCode::bad_file, path, ": ", describe(*kind), " cannot be in ", size, " bytes");
-  reader.samples.resize(row * kind->height);
-  for (std::uint32_t y = 0; y < kind->height; ++y)
-    reader.rows.push_back(reinterpret_cast<png_bytep>(reader.samples.data() + y * row));
-  if (!read_pixels(reader)) return damaged();
+  SLF_TRY(finish_png(path, reader));
   return taker.append(reader.samples, voxels);
+}
+
+Result<SliceKind> read_png_as_stored(const std::string& path, std::vector<std::byte>& samples) {
+  Reader reader;
+  SLF_TRY(begin_png(path, true, reader));
+  SLF_TRY(finish_png(path, reader));
+  samples = std::move(reader.samples);
+  return reader.kind;
 }
 
 }  // namespace slf::volume_io

@@ -59,6 +59,10 @@ class ComponentSelector {
                                        std::optional<SliceKind>& kind,
                                        std::vector<std::byte>& voxels);
 
+/// Reads all samples of a PNG, of a palette the indices. bad_file: damaged.
+[[nodiscard]] Result<SliceKind> read_png_as_stored(const std::string& path,
+                                                   std::vector<std::byte>& samples);
+
 /// Appends all slices of a TIFF file in the same way, of one channel and one time point where its
 /// metadata state several. Returns their number.
 [[nodiscard]] Result<std::uint64_t> append_tiff(const std::string& path,
@@ -70,11 +74,15 @@ class ComponentSelector {
 /// in. Often it is that file only; empty if there are no such metadata.
 [[nodiscard]] Result<std::set<std::string>> files_of_tiff_set(const std::string& path);
 
-/// Checks the names of the pictures in a folder, sorted: one series, numbered without gaps. Adds
-/// notes on numbers in steps, and on names that cannot be checked.
+/// Whether so few files are strays beside so many, and may be left out: a thumbnail, a scout.
+[[nodiscard]] constexpr bool are_strays(std::size_t few, std::size_t all) { return 4 * few <= all; }
+
+/// Checks the names of the pictures in a folder, sorted: one series, numbered without gaps. Takes
+/// strays of other names out, with a note. Adds notes on numbers in steps, and on names that cannot
+/// be checked.
 /// unsupported: two series. bad_file: a number is missing, or there twice.
 [[nodiscard]] Result<void> check_numbering(const std::string& folder,
-                                           const std::vector<std::string>& files,
+                                           std::vector<std::string>& files,
                                            std::vector<std::string>& notes);
 
 }  // namespace slf::volume_io

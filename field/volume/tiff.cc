@@ -1,6 +1,8 @@
 // TIFF stacks: plain pages, OME-TIFF and ImageJ's, BigTIFF too.
 #include <algorithm>
+#include <array>
 #include <bit>
+#include <limits>
 #include <set>
 
 #include "base/try.h"
@@ -100,7 +102,7 @@ Result<TiffDescription> describe_pages(const TiffFile& file, const SliceKind& ki
   return TiffDescription{};
 }
 
-/// What the pages of a file are. Pages are counted without thumbnails.
+/// What the pages of a file are, thumbnails left out.
 struct TiffStack {
   std::unique_ptr<TiffFile> file;  ///< at the first page of the stack
   SliceKind kind;
@@ -109,73 +111,60 @@ struct TiffStack {
   std::uint64_t first = 0;  ///< 1 if the first page is a thumbnail that is not marked as such
 };
 
-/// Moves to the next page that is no thumbnail, this one included; false at the end.
-Result<bool> skip_thumbnails(TiffFile& file) {
-  while (file.is_thumbnail()) {
-    const auto more = file.next();
-    if (!more || !*more) return more;
-  }
-  return true;
-}
-
 Result<TiffStack> survey(const std::string& path, const VolumeOptions& options) {
   TiffStack stack;
-  const auto restart = [&](std::uint64_t skipped) -> Result<void> {
-    stack.file = SLF_TRY(TiffFile::open(path));
-    auto found = skip_thumbnails(*stack.file);
-    for (; found && *found && skipped > 0; --skipped) {
-      found = stack.file->next();
-      if (found && *found) found = skip_thumbnails(*stack.file);
-    }
-    if (!found) return tl::unexpected(found.error());
-    if (!*found)
-      return fail(ErrorCode::unsupported, path,
-                  ": holds nothing but reduced copies and masks of pages that it lacks: give the "
-                  "file of the whole stack");
-    stack.kind = SLF_TRY(kind_of(*stack.file));
-    return {};
-  };
-  SLF_TRY(restart(0));
-  auto d = SLF_TRY(describe_pages(*stack.file, stack.kind, options));
-  stack.d = std::move(d);
-
+  stack.file = SLF_TRY(TiffFile::open(path));
+  TiffFile& file = *stack.file;
   // Some writers put a thumbnail first and do not mark it: it is smaller than all others.
   std::optional<SliceKind> rest;
+  std::array<std::uint64_t, 2> offsets{};  // of the first two pages
   bool alike = true;
-  for (stack.pages = 1;; ++stack.pages) {
-    auto more = stack.file->next();
-    if (more && *more) more = skip_thumbnails(*stack.file);
-    if (!more) return tl::unexpected(more.error());
-    if (!*more) break;
-    const auto kind = alike ? kind_of(*stack.file) : Result<SliceKind>(stack.kind);
-    if (kind && !rest) rest = *kind;
-    alike = alike && kind && *kind == *rest;
+  for (bool more = true; more;) {
+    if (!file.is_thumbnail()) {
+      if (stack.pages < offsets.size())
+        offsets[stack.pages] = TIFFCurrentDirOffset(file.tiff.get());
+      const auto kind = alike ? kind_of(file) : Result<SliceKind>(stack.kind);
+      if (stack.pages++ == 0) {
+        if (!kind) return tl::unexpected(kind.error());
+        stack.kind = *kind;
+        auto d = SLF_TRY(describe_pages(file, *kind, options));
+        stack.d = std::move(d);
+      } else {
+        if (kind && !rest) rest = *kind;
+        alike = alike && kind && *kind == *rest;
+      }
+    }
+    more = SLF_TRY(file.next());
   }
+  if (stack.pages == 0)
+    return fail(ErrorCode::unsupported, path,
+                ": holds nothing but reduced copies and masks of pages that it lacks: give the "
+                "file of the whole stack");
   if (alike && stack.pages > 2 && stack.d.origin.empty() && rest->width > stack.kind.width &&
       rest->height > stack.kind.height) {
     stack.first = 1;
     --stack.pages;
+    stack.kind = *rest;
   }
-  SLF_TRY(restart(stack.first));
+  SLF_TRY(file.go_to(offsets[stack.first]));
   return stack;
 }
 
-/// The pages of one or more files, in order: no file twice, and no page after a later one. So the
-/// work grows with the files, whatever a description says of them.
+/// The pages of one or more files, in ascending order. So the work grows with the files, whatever a
+/// description says of them.
 class PageReader {
  public:
-  /// The file at that page. Valid until the next call. bad_file: it has no such page. unsupported:
-  /// another order.
+  /// The file at that page. Valid until the next call. bad_file: it has no such page, or the page
+  /// was that of the call before.
   Result<TiffFile*> at(const TiffPlace& place) {
-    const bool other = !file_ || file_->path != place.path;
-    if (other ? !opened_.insert(place.path).second : place.page < next_)
-      return fail(ErrorCode::unsupported, place.path, ": page ", place.page,
-                  " comes after a later one in its description; save the stack in order");
-    if (other) {
+    if (!file_ || file_->path != place.path) {
       file_ = SLF_TRY(TiffFile::open(place.path));
       passed_ = 0;
+    } else if (place == last_) {
+      return fail(ErrorCode::bad_file, place.path, ": page ", place.page,
+                  " is that of two slices in its OME metadata");
     }
-    next_ = place.page + 1;
+    last_ = place;
     while (true) {
       const bool counts = !file_->is_thumbnail();
       if (counts && passed_ == place.page) return file_.get();
@@ -189,8 +178,7 @@ class PageReader {
 
  private:
   std::unique_ptr<TiffFile> file_;
-  std::set<std::string> opened_;
-  std::uint64_t next_ = 0;    ///< the first page that may be requested
+  TiffPlace last_;
   std::uint64_t passed_ = 0;  ///< pages before the one that the file is at, without thumbnails
 };
 
@@ -213,18 +201,38 @@ Result<ChosenChannel> choose_channel(const std::string& path, const TiffStack& s
   return chosen;
 }
 
+bool has_counted_pages(const TiffStack& stack) {
+  const TiffDescription& d = stack.d;
+  return double(stack.pages) == double(d.z) * double(d.channels) * double(d.times);
+}
+
 /// Appends slices of one channel and time, wherever they are. Adds the files to `files`.
 Result<void> append_slices(const std::string& path, const TiffStack& stack,
-                           const ChosenChannel& channel, std::uint32_t time, bool in_set,
+                           const ChosenChannel& channel, std::uint32_t time,
                            std::vector<std::string>& files, std::vector<std::byte>& voxels) {
+  constexpr std::uint64_t kMaxSlices = 1 << 20;
+  const TiffDescription& d = stack.d;
+  if (d.z > kMaxSlices)
+    return fail(ErrorCode::unsupported, path, ": ", d.z, " slices; up to ", kMaxSlices,
+                " are read");
   const auto selector = SLF_TRY(ComponentSelector::make(path, stack.kind, channel.of_page));
+  // A file that has all pictures may have been renamed since, and its metadata may place none.
+  const bool own = has_counted_pages(stack) && !d.of_several;
+  const bool placed = !own || d.places_pages(stack.pages);
+  std::vector<std::pair<TiffPlace, std::uint64_t>> slices;
+  for (std::uint64_t z = 0; z < d.z; ++z) {
+    TiffPlace place{path, page_of(d, z, channel.channel, time) + stack.first};
+    if (placed) place = SLF_TRY(d.place_of(place.page, path));
+    if (own) place.path = path;
+    slices.emplace_back(std::move(place), z);
+  }
+  // Pages are read as files have them, whatever their order is in the volume.
+  const bool in_order = std::ranges::is_sorted(slices);
+  std::ranges::sort(slices);
   PageReader reader;
-  for (std::uint64_t z = 0; z < stack.d.z; ++z) {
-    TiffPlace place{path, page_of(stack.d, z, channel.channel, time) + stack.first};
-    if (in_set) {
-      place = SLF_TRY(stack.d.place_of(place.page, path));
-      if (files.empty() || files.back() != place.path) files.push_back(place.path);
-    }
+  const std::size_t before = voxels.size();
+  for (const auto& [place, z] : slices) {
+    if (files.empty() || files.back() != place.path) files.push_back(place.path);
     const auto page = SLF_TRY(reader.at(place));
     const auto here = SLF_TRY(kind_of(*page));
     if (here != stack.kind)
@@ -232,6 +240,11 @@ Result<void> append_slices(const std::string& path, const TiffStack& stack,
                   ", unlike the first (", describe(stack.kind), ")");
     SLF_TRY(append_page(*page, stack.kind, selector, voxels));
   }
+  if (in_order) return {};
+  const std::vector<std::byte> read(voxels.begin() + std::ptrdiff_t(before), voxels.end());
+  const std::size_t bytes = read.size() / slices.size();
+  for (std::size_t k = 0; k < slices.size(); ++k)
+    std::copy_n(&read[k * bytes], bytes, &voxels[before + slices[k].second * bytes]);
   return {};
 }
 
@@ -241,11 +254,6 @@ tl::unexpected<Error> wrong_count(const std::string& path, const TiffStack& stac
               " metadata say ", d.z, " slices, ", d.channels, " channels, ", d.times,
               " time points: it is truncated, or one of a set of files that it does not name; "
               "save the set as one file, e.g. with bfconvert or ImageJ");
-}
-
-bool has_counted_pages(const TiffStack& stack) {
-  const TiffDescription& d = stack.d;
-  return double(stack.pages) == double(d.z) * double(d.channels) * double(d.times);
 }
 
 void set_spacing(const TiffDescription& d, const VolumeOptions& options, Volume& volume) {
@@ -264,19 +272,24 @@ void set_spacing(const TiffDescription& d, const VolumeOptions& options, Volume&
 }
 
 /// Reads ImageJ's stacks beyond 4 GiB: one page, whose pixels are followed by those of the other
-/// slices, without headers.
+/// pictures, without headers. `first`: the number of the first slice's picture.
 Result<Volume> read_raw_stack(const TiffFile& file, const SliceKind& kind, const TiffDescription& d,
-                              std::uint64_t z_step, std::uint64_t first, Volume volume) {
+                              std::uint64_t first, Volume volume) {
   std::uint64_t* offsets = nullptr;
-  if (z_step != 1 || kind.components != 1 ||
+  if (kind.components != 1 ||
       file.tag<std::uint16_t>(TIFFTAG_COMPRESSION, COMPRESSION_NONE) != COMPRESSION_NONE ||
       !TIFFGetField(file.tiff.get(), TIFFTAG_STRIPOFFSETS, &offsets) || !offsets)
     return fail(ErrorCode::unsupported, file.path, ": one page for ", d.z * d.channels * d.times,
                 " pictures: save it as a TIFF with a page each");
-  const std::uint64_t slice = std::uint64_t{kind.width} * kind.height * bytes_per_voxel(kind.type);
+  // Pictures between two slices are taken as components of a voxel that are stored in runs.
+  const std::uint64_t step = page_of(d, 1, 0, 0), pixels = std::uint64_t{kind.width} * kind.height;
   VoxelData data{.path = file.path, .offset = offsets[0]};
   data.big_endian = TIFFIsBigEndian(file.tiff.get()) != 0;
-  if (__builtin_mul_overflow(first, slice, &data.skip))
+  data.components = static_cast<std::uint32_t>(step);
+  data.component = static_cast<std::uint32_t>(first % step);
+  if (step > 1) data.run = pixels;
+  if (step > std::numeric_limits<std::uint32_t>::max() ||
+      __builtin_mul_overflow(first / step * step, pixels * bytes_per_voxel(kind.type), &data.skip))
     return fail(ErrorCode::bad_file, file.path, ": absurd counts of pictures");
   SLF_TRY(read_voxels(data, volume));
   return volume;
@@ -288,8 +301,7 @@ bool looks_like_tiff(std::string_view head) { return image_formats::looks_like_t
 
 Result<std::set<std::string>> files_of_tiff_set(const std::string& path) {
   const auto file = SLF_TRY(TiffFile::open(path));
-  SLF_TRY(skip_thumbnails(*file));
-  const std::string text = file->text(TIFFTAG_IMAGEDESCRIPTION);
+  const auto text = SLF_TRY(file->description());
   if (!looks_like_ome(text)) return std::set<std::string>{};
   return files_of_ome(text, path);
 }
@@ -303,7 +315,7 @@ Result<std::uint64_t> append_tiff(const std::string& path, const VolumeOptions& 
   const auto time = SLF_TRY(choose(path, options.time, stack.d.times, "time point"));
   const auto channel = SLF_TRY(choose_channel(path, stack, options));
   std::vector<std::string> files;
-  SLF_TRY(append_slices(path, stack, channel, time, stack.d.of_several, files, voxels));
+  SLF_TRY(append_slices(path, stack, channel, time, files, voxels));
   return stack.d.z;
 }
 
@@ -334,9 +346,9 @@ Result<Volume> read_tiff(const std::string& path, const VolumeOptions& options) 
   set_spacing(d, options, volume);
   SLF_TRY(place(options, volume));
   if (raw_stack)
-    return read_raw_stack(*stack.file, stack.kind, d, page_of(d, 1, 0, 0),
-                          page_of(d, 0, channel->channel, time), std::move(volume));
-  SLF_TRY(append_slices(path, stack, *channel, time, in_set, volume.files, volume.voxels));
+    return read_raw_stack(*stack.file, stack.kind, d, page_of(d, 0, channel->channel, time),
+                          std::move(volume));
+  SLF_TRY(append_slices(path, stack, *channel, time, volume.files, volume.voxels));
   return volume;
 }
 

@@ -6,6 +6,7 @@
 #include <set>
 
 #include "base/try.h"
+#include "field/image/tiff_file.h"
 #include "field/volume/io.h"
 #include "field/volume/xml.h"
 
@@ -31,12 +32,27 @@ class OmeReader {
  public:
   explicit OmeReader(std::uint32_t components) : all_components_(components) {}
 
-  [[nodiscard]] XmlHandler handler() {
-    return {
+  /// Reads the metadata of the file at `path`, or those of the file that they name instead, an XML
+  /// document or another TIFF. Returns the path of that file.
+  Result<std::string> read(std::string_view text, const std::string& path) {
+    const XmlHandler handler{
         .start = [this](std::string_view name, const XmlAttributes& a) { return start(name, a); }};
+    SLF_TRY(parse_xml(text, path + ": OME metadata", handler));
+    if (metadata_file_.empty()) return path;
+    const std::string source = beside(path, metadata_file_);
+    const auto head = SLF_TRY(read_head(source, 4));
+    if (!looks_like_tiff(head)) {
+      SLF_TRY(read_xml(source, handler));
+      return source;
+    }
+    const auto file = SLF_TRY(image_formats::TiffFile::open(source));
+    const auto description = SLF_TRY(file->description());
+    SLF_TRY(parse_xml(description, source + ": OME metadata", handler));
+    for (auto& image : images_)  // a place without a file is in the file of the metadata
+      for (auto& [first, run] : image.d.runs)
+        if (run.file.empty()) run.file = metadata_file_;
+    return source;
   }
-  /// The file that has the metadata instead; empty: none.
-  [[nodiscard]] const std::string& metadata_file() const { return metadata_file_; }
 
   /// The names of all files that it names.
   [[nodiscard]] std::set<std::string> files() const {
@@ -165,6 +181,16 @@ bool TiffDescription::names_files() const {
   return std::ranges::any_of(runs, [](const auto& run) { return !run.second.file.empty(); });
 }
 
+bool TiffDescription::places_pages(std::uint64_t pages) const {
+  std::set<TiffPlace> places;
+  for (std::uint64_t picture = 0; picture < pages && !runs.empty(); ++picture) {
+    const auto place = place_of(picture, "");
+    if (!place || place->page >= pages) return false;
+    places.insert(*place);
+  }
+  return places.size() == pages && places.begin()->path == places.rbegin()->path;
+}
+
 Result<TiffPlace> TiffDescription::place_of(std::uint64_t picture, const std::string& path) const {
   auto after = runs.upper_bound(picture);
   if (after != runs.begin()) {
@@ -196,18 +222,13 @@ Result<TiffDescription> parse_ome(std::string_view text, const std::string& path
                                   std::uint32_t components,
                                   const std::optional<std::string>& image) {
   OmeReader reader(components);
-  SLF_TRY(parse_xml(text, path + ": OME metadata", reader.handler()));
-  if (reader.metadata_file().empty()) return reader.finish(path, image);
-  const std::string file = beside(path, reader.metadata_file());
-  SLF_TRY(read_xml(file, reader.handler()));
-  return reader.finish(file, image);
+  const auto source = SLF_TRY(reader.read(text, path));
+  return reader.finish(source, image);
 }
 
 Result<std::set<std::string>> files_of_ome(std::string_view text, const std::string& path) {
   OmeReader reader(1);
-  SLF_TRY(parse_xml(text, path + ": OME metadata", reader.handler()));
-  if (!reader.metadata_file().empty())
-    SLF_TRY(read_xml(beside(path, reader.metadata_file()), reader.handler()));
+  SLF_TRY(reader.read(text, path));
   return reader.files();
 }
 

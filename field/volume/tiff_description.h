@@ -2,6 +2,7 @@
 #pragma once
 
 #include <array>
+#include <compare>
 #include <cstdint>
 #include <glm/glm.hpp>
 #include <map>
@@ -18,6 +19,7 @@ namespace slf::volume_io {
 struct TiffPlace {
   std::string path;
   std::uint64_t page = 0;
+  auto operator<=>(const TiffPlace&) const = default;
 };
 
 /// Counts of slices, channels and times, their order, and the spacing. Pictures are numbered in
@@ -39,6 +41,8 @@ struct TiffDescription {
   /// Whether it names the files that its pictures are in.
   [[nodiscard]] bool names_files() const;
   bool of_several = false;  ///< the file holds other images, too: only `runs` say where this one is
+  /// Whether OME gives each of as many pictures as there are pages another page of a single file.
+  [[nodiscard]] bool places_pages(std::uint64_t pages) const;
   /// The place of a picture according to OME. `path`: the described file. bad_file: none is stated.
   [[nodiscard]] Result<TiffPlace> place_of(std::uint64_t picture, const std::string& path) const;
 };

@@ -1,8 +1,6 @@
 // Presets by reference: built in, in a file, or one of several in a file.
 #include <algorithm>
 #include <filesystem>
-#include <fstream>
-#include <sstream>
 
 #include "base/try.h"
 #include "field/volume/io.h"
@@ -57,16 +55,13 @@ Result<std::vector<TransferPreset>> parse_transfers(const std::string& bytes,
 }
 
 Result<std::vector<TransferPreset>> read_transfers(const std::string& path) {
-  const auto size = SLF_TRY(volume_io::file_size(path));
+  const auto size = SLF_TRY(file_size(path));
   constexpr std::uint64_t kMaxBytes = std::uint64_t{64} << 20;
   if (size > kMaxBytes)
     return fail(ErrorCode::bad_file, path, ": ", size,
                 " bytes, expected a transfer function of at most ", kMaxBytes);
-  std::ifstream file(path, std::ios::binary);
-  std::ostringstream text;
-  if (!file || (size > 0 && !(text << file.rdbuf())))
-    return fail(ErrorCode::io, path, ": cannot be read");
-  return parse_transfers(std::move(text).str(), path);
+  const auto bytes = SLF_TRY(read_file(path, kMaxBytes));
+  return parse_transfers({reinterpret_cast<const char*>(bytes.data()), bytes.size()}, path);
 }
 
 std::string transfer_file(const std::string& reference) {

@@ -48,18 +48,40 @@ const std::array<TypeNames, 10>& type_names() {
   return kNames;
 }
 
-/// Whether every value is an integer and can be an id.
-bool all_integers(const Volume& volume) {
+/// Whether every value can be an id: an integer, up to the rounding of values, slope and intercept.
+/// Values that were rounded become i32, without slope and intercept.
+bool make_labels(Volume& volume) {
   const bool whole =
       std::trunc(volume.slope) == volume.slope && std::trunc(volume.intercept) == volume.intercept;
-  return visit_voxels(volume, [&](auto voxels) {
+  bool exact = true;
+  std::vector<std::byte> ids;
+  const bool all = visit_voxels(volume, [&](auto voxels) {
     using T = typename decltype(voxels)::value_type;
     if (std::is_integral_v<T> && whole) return true;
-    return std::all_of(voxels.begin(), voxels.end(), [&](T stored) {
-      const double value = volume.slope * static_cast<double>(stored) + volume.intercept;
-      return std::trunc(value) == value && std::isfinite(value);
+    double largest = 0;
+    const auto value_of = [&](T v) {
+      return volume.slope * static_cast<double>(v) + volume.intercept;
+    };
+    const bool near = std::ranges::all_of(voxels, [&](T stored) {
+      const double value = value_of(stored), id = std::round(value);
+      exact = exact && value == id;
+      largest = std::max(largest, std::abs(id));
+      const double terms = std::abs(value - volume.intercept) + std::abs(volume.intercept);
+      return std::abs(value - id) <= std::min(1e-6 * terms, 0.05);
     });
+    if (!near || exact || largest > std::numeric_limits<std::int32_t>::max()) return near && exact;
+    for (const T stored : voxels) {
+      const auto id = static_cast<std::int32_t>(std::round(value_of(stored)));
+      const auto bytes = std::as_bytes(std::span(&id, 1));
+      ids.insert(ids.end(), bytes.begin(), bytes.end());
+    }
+    return true;
   });
+  if (ids.empty()) return all;
+  volume.voxels = std::move(ids);
+  volume.type = ScalarType::i32;
+  volume.slope = 1, volume.intercept = 0;
+  return true;
 }
 
 constexpr std::size_t kMinHeaderBytes = std::size_t{1} << 16;
@@ -315,7 +337,7 @@ Result<Volume> read_volume(const std::string& path, const VolumeOptions& options
     SLF_TRY(place(options, *volume));
     if (options.crop) SLF_TRY(crop(*options.crop, *volume));
     if (!options.labels) return volume;
-    if (!all_integers(*volume))
+    if (!make_labels(*volume))
       return fail(ErrorCode::usage, path, ": read as labels, but its values (", name(volume->type),
                   ", slope ", volume->slope, ") are not all integers: it holds amounts, not ids");
     volume->labels = true;

@@ -59,7 +59,7 @@ struct Lens {
 struct Picture {
   std::string name;   ///< as the file of cameras calls it
   std::string file;   ///< path of the picture
-  std::string mask;   ///< path of a mask, white where the object is; empty: alpha, if there is any
+  std::string mask;   ///< path of a mask, not 0 where the object is; empty: alpha, if there is any
   std::string depth;  ///< path of a picture of depths; empty: Z in `file`, if there is any
   Lens lens;
   glm::dmat3 axes{1.0};  ///< columns: right, down and forward, in the world; orthonormal
@@ -84,10 +84,11 @@ struct PictureSet {
 /// table (.csv) of a Cinema database of specification D, or a folder that has transforms.json,
 /// transforms_train.json, data.csv, or a COLMAP model (cameras, images and points3D as .bin or
 /// .txt, in the folder, in sparse or in sparse/0, with the pictures in the folder images). Input is
-/// untrusted; the sizes of pictures are compared with those of cameras.
-/// not_found: there is no such file. io: cannot be read, a picture is missing. bad_file: damaged; a
-/// matrix is singular or not rigid; a picture has another shape than its camera. unsupported: an
-/// unknown kind of camera. The message names the file, the picture and what was expected.
+/// untrusted; the sizes of pictures are compared with those of cameras. Pictures that are missing,
+/// damaged or of another shape than their camera are left out, with a note, as by other readers.
+/// not_found: there is no such file, or fewer than two of the pictures are there. io: cannot be
+/// read. bad_file: damaged; a matrix is singular or not rigid. unsupported: an unknown kind of
+/// camera. The message names the file, the picture and what was expected.
 [[nodiscard]] Result<PictureSet> read_pictures(const std::string& path);
 
 /// The point that the optical axes of all cameras pass nearest; none if all look the same way.

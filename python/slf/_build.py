@@ -13,7 +13,7 @@ from ._field import (AnyCamera, Field, Path, Size, camera_tuple, check_dtype, fi
 from ._progress import Progress, reporter
 from ._rays import Function, Scene
 from ._source import scene_of
-from ._types import Picture, Sphere, orbit, point
+from ._types import Picture, Sphere, finite, orbit, point
 
 
 def build(source: Any, out: Path, *, entry: int = 8, exit: int = 32, levels: int = 2,
@@ -56,7 +56,8 @@ def build(source: Any, out: Path, *, entry: int = 8, exit: int = 32, levels: int
         function from values [n] to [n, 4] of these, each 0 to 1; opacity is per voxel. Default:
         fitted to the histogram.  range: (low, high), the values to stretch it to.
     labels: True if the values are ids; or an array or image of ids, the parts of the volume.
-    label_table: a file, or {id: (name, (red, green, blue), opacity)}.  mask: 0 hides voxels.
+    label_table: a file, or {id: (name, (red, green, blue), opacity)}.  mask: 0 hides voxels, as
+        does the mask of a numpy.ma array; masked ids are 0.
     light: "global", the default, "shadowed" or "direct". light_rig, environment, environment_gain,
         light_samples, light_bounces, light_spacing, light_memory, light_seed, tone: of the first
         two.  light_file: keeps the light, for builds that differ in the field's shape only.
@@ -77,6 +78,8 @@ def build(source: Any, out: Path, *, entry: int = 8, exit: int = 32, levels: int
         bounds = scene.bounds
         sphere = Sphere(bounds.center if center is None else point(center),
                         bounds.radius if radius is None else float(radius))
+        finite("center and radius", (*sphere.center, sphere.radius))
+        finite("commit_every", commit_every)
         gap = np.linalg.norm(np.subtract(sphere.center, bounds.center))
         if not gap < sphere.radius + bounds.radius:
             raise ValueError(f"center {sphere.center}: a sphere of radius {sphere.radius:g} there "

@@ -16,7 +16,7 @@ from ._notebook import View, bundle
 from ._progress import Progress, reporter
 from ._types import (BuildReport, Camera, Content, Difference, Evaluation, Frame, Measurement,
                      MergeReport, Orbit, Picture, RepackReport, Shape, Sphere, Tile, Tone,
-                     VerifyReport, orbit)
+                     VerifyReport, finite, orbit)
 
 Path = Union[str, "os.PathLike[str]"]
 AnyCamera = Union[Orbit, Camera]
@@ -37,6 +37,8 @@ def camera_tuple(sphere: Sphere, camera: AnyCamera, size: Size) -> Tuple[Any, ..
     if width < 1 or height < 1 or width * height > 1 << 28:
         raise ValueError(f"size {size}: expected (width, height), at least 1 and at most 2^28 "
                          "pixels")
+    for values in camera:
+        finite("camera", values)
     if isinstance(camera, Orbit):
         return _slf.orbit_camera(sphere, tuple(camera), width, height)
     return (*camera, width, height)
@@ -46,6 +48,7 @@ def finished_picture(rgba: np.ndarray, dtype: Any,
                      background: Optional[Sequence[float]]) -> np.ndarray:
     """Composites over a background and converts to the type that was asked for."""
     if background is not None:
+        finite("background", background)
         rgba[..., :3] += (1 - rgba[..., 3:]) * np.asarray(background, np.float32)
         rgba[..., 3] = 1
     if np.dtype(dtype) == np.uint8:
@@ -270,6 +273,7 @@ class Field:
 
     def _cameras(self, cameras: Union[int, Sequence[AnyCamera]], size: Size,
                  distance: float) -> List[Tuple[Any, ...]]:
+        finite("distance", distance)
         if isinstance(cameras, int):
             return _slf.random_cameras(self.sphere, distance, cameras, 1, *size)
         return [camera_tuple(self.sphere, camera, size) for camera in cameras]

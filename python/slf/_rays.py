@@ -12,7 +12,7 @@ from typing import Any, Callable, Iterator, Mapping
 import numpy as np
 
 from . import _slf
-from ._types import Sphere, point
+from ._types import Sphere, finite, point
 
 Trace = Callable[[np.ndarray, np.ndarray], Any]
 
@@ -76,6 +76,7 @@ def _name(thing: Any) -> str:
 def ray_scene(scene: Scene) -> Iterator[_slf.Scene]:
     """A scene of Python as one of the extension module."""
     center, radius = scene.sphere
+    finite("sphere", (*center, radius))
     if not radius > 0:
         raise ValueError(f"sphere {scene.sphere}: expected (center, radius) with a radius above 0")
     if scene.batch < 1:

@@ -16,7 +16,7 @@ import numpy as np
 
 from . import _slf
 from ._rays import Scene, ray_scene
-from ._types import Point, Tone, point
+from ._types import Point, Tone, finite, point
 
 log = logging.getLogger("slf")
 
@@ -37,6 +37,8 @@ class _Place(NamedTuple):
 
 
 def _place(origin: Any, axes: Any) -> _Place:
+    finite("position", origin)
+    finite("axes", axes)
     # + 0.0: no -0, so that equal places have equal bytes.
     return _Place(np.asarray(origin, float).reshape(3) + 0.0,
                   np.asarray(axes, float).reshape(3, 3) + 0.0)
@@ -137,6 +139,16 @@ def _type_for(dtype: np.dtype) -> np.dtype:
     raise TypeError(f"voxels of type {dtype}: expected integers or floating-point numbers")
 
 
+def _unmasked(array: Any, mask: Any) -> Tuple[Any, Any]:
+    """A masked array without its mask, and a mask that also hides what that hid. Hidden voxels get
+    the least value, so that the default transfer function does not see those beneath."""
+    hidden = np.ma.getmaskarray(array)
+    if isinstance(mask, (str, os.PathLike)) or hasattr(mask, "affine") or hasattr(mask, "dims"):
+        raise ValueError("mask: the array is masked itself; fill it, or pass an array as the mask")
+    shown = ~hidden if mask is None else ~hidden & (np.ma.filled(mask, 0) != 0)
+    return array.filled(array.min() if array.count() > 0 else 0), shown
+
+
 _MOST_IN_MEMORY = 256 << 20
 """Bytes of voxels; of arrays that are read in slabs."""
 
@@ -159,7 +171,7 @@ def _in_order(array: Any, folder: Optional[str], mapped: List[mmap.mmap]) -> np.
     is read on demand, as those of zarr and dask are, is read in slabs along z."""
     chunks = getattr(array, "chunks", None)
     if chunks is None or isinstance(array, np.ndarray):
-        array = np.asarray(array)
+        array = np.ma.filled(array, 0) if np.ma.isMaskedArray(array) else np.asarray(array)
         chunks = None
     if len(array.shape) != 3:
         raise ValueError(f"an array of shape {array.shape}: expected three axes, z, y and x")
@@ -170,7 +182,11 @@ def _in_order(array: Any, folder: Optional[str], mapped: List[mmap.mmap]) -> np.
     depth = chunks[0] if isinstance(chunks[0], int) else max(chunks[0])
     for z in range(0, array.shape[0], depth):
         part = slice(z, min(z + depth, array.shape[0]))
-        out[part] = np.asarray(array[part])
+        values = np.asanyarray(array[part])
+        if np.ma.is_masked(values):
+            raise ValueError("masked voxels in an array that is read in slabs: fill them, and "
+                             "pass the mask as mask=")
+        out[part] = values
     return out
 
 
@@ -209,6 +225,7 @@ def volume_of(source: Any, *, labels: bool = False, spacing: Optional[Sequence[f
         place = _place(origin, place.axes)
     if not abs(np.linalg.det(place.axes)) > 0:
         raise ValueError("the axes of the image are singular")
+    finite("scale", (voxels.slope, voxels.intercept))
     array = _in_order(voxels.array, folder, mapped)
     path = name or voxels.source
     volume = _slf.Volume(array, tuple(place.origin), [tuple(axis) for axis in place.axes],
@@ -289,6 +306,8 @@ def _volume_scene(source: Any, *, linear: bool, folder: Optional[str], threads: 
     if projection not in _PROJECTIONS:
         raise ValueError(f"projection {projection!r}: expected mip, minip, mean or None")
     is_labels = isinstance(labels, (bool, np.bool_)) and bool(labels)
+    if np.ma.is_masked(source) and not is_labels:
+        source, mask = _unmasked(source, mask)
     mapped: List[mmap.mmap] = []
     volume, place = volume_of(source, labels=is_labels, spacing=spacing, affine=affine,
                               origin=origin, name=name, folder=folder, reader=reader,
@@ -302,6 +321,12 @@ def _volume_scene(source: Any, *, linear: bool, folder: Optional[str], threads: 
                      volume_of(part, labels=True, like=place, folder=folder, mapped=mapped,
                                name=None if isinstance(part, (str, os.PathLike)) else what)[0])
     shown = tone or Tone()
+    for what, value in (("step", step), ("ambient", ambient or 0), ("range", range or ()),
+                        ("light_direction", light_direction), ("light_samples", light_samples),
+                        ("light_bounces", light_bounces), ("light_spacing", light_spacing),
+                        ("light_memory", light_memory), ("light_seed", light_seed),
+                        ("environment_gain", environment_gain), ("exposure", shown.exposure)):
+        finite(what, value)
     settings = {
         "step": float(step), "ambient": 0.3 if ambient is None else float(ambient),
         "shade": shade and projection is None, "projection": _PROJECTIONS[projection],
@@ -330,4 +355,5 @@ def _style(style: Any) -> Tuple[str, Optional[Point], float]:
     """A name, or (name, color, opacity), of which the last two may be missing."""
     given = (style,) if isinstance(style, str) else tuple(style)
     name, color, opacity = given + (None, 1.0)[len(given) - 1:]
+    finite(f"the style of {name!r}:", [opacity, *(() if color is None else color)])
     return name, None if color is None else point(color), float(opacity)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, Optional, Sequence, Tuple
+from typing import Any, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -12,6 +12,12 @@ Point = Tuple[float, float, float]
 def point(values: Sequence[float]) -> Point:
     x, y, z = values
     return float(x), float(y), float(z)
+
+
+def finite(name: str, values: Any) -> None:
+    """Raises ValueError for NaN and infinities, which JSON and comparisons do not stop."""
+    if not np.isfinite(np.asarray(values, float)).all():
+        raise ValueError(f"{name} {values}: expected finite numbers")
 
 
 class Sphere(NamedTuple):

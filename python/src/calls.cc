@@ -52,10 +52,11 @@ void stay_if_exiting(std::unique_lock<std::mutex>& lock) {
 }
 
 void raise(const Failure& failure) {
-  const py::object path = failure.path.empty() ? py::object(py::none()) : py::str(failure.path);
+  const py::object path =
+      failure.path.empty() ? py::object(py::none()) : py::cast(Text(failure.path));
   const py::object exception =
       py::module_::import("slf._errors")
-          .attr("error_of")(name(failure.code), std::string(failure.what()), path);
+          .attr("error_of")(name(failure.code), Text(failure.what()), path);
   PyErr_SetObject(py::type::handle_of(exception).ptr(), exception.ptr());
 }
 
@@ -88,6 +89,9 @@ bool LongCall::go_on(const Progress& progress) {
     if (!answer.is(py::bool_(false))) return true;
   } catch (py::error_already_set& error) {
     raised_.emplace(std::move(error));
+  } catch (const std::exception& error) {  // none may pass the C code that calls this
+    PyErr_SetString(PyExc_RuntimeError, error.what());
+    raised_.emplace();
   }
   return false;
 }

@@ -7,6 +7,7 @@
 #include <stdexcept>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "slf/error.h"
 #include "slf/progress.h"
@@ -14,6 +15,14 @@
 namespace slf::python {
 
 namespace py = pybind11;
+
+/// Text that need not be UTF-8: names of files, and what names them. Python has it as os.fsdecode()
+/// makes it, and may pass what os.fsencode() takes.
+struct Text : std::string {
+  Text() = default;
+  Text(std::string text) : std::string(std::move(text)) {}
+};
+using Texts = std::vector<Text>;
 
 /// An Error on its way to Python, where it is raised as a class of slf._errors. `path` is the file
 /// or address that the call was about, or empty.
@@ -77,3 +86,24 @@ class LongCall {
 void bind_calls(py::module_& module);
 
 }  // namespace slf::python
+
+namespace pybind11::detail {
+
+template <>
+struct type_caster<slf::python::Text> {
+  PYBIND11_TYPE_CASTER(slf::python::Text, const_name("str"));
+  bool load(handle from, bool) {
+    PyObject* bytes = nullptr;
+    if (PyUnicode_FSConverter(from.ptr(), &bytes) == 0) {
+      PyErr_Clear();
+      return false;
+    }
+    value = std::string(reinterpret_steal<pybind11::bytes>(bytes));
+    return true;
+  }
+  static handle cast(const slf::python::Text& text, return_value_policy, handle) {
+    return PyUnicode_DecodeUTF8(text.data(), static_cast<ssize_t>(text.size()), "surrogateescape");
+  }
+};
+
+}  // namespace pybind11::detail

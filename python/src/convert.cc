@@ -1,5 +1,7 @@
 #include "convert.h"
 
+#include <cmath>
+
 #include "calls.h"
 
 namespace slf::python {
@@ -22,6 +24,8 @@ py::object tuple_of(const FieldShape& shape) {
 
 ToneMapping tone_of(const ToneTuple& tuple) {
   const auto& [exposure, curve] = tuple;
+  if (!std::isfinite(exposure))
+    throw Failure({ErrorCode::usage, "tone: expected a finite exposure"}, "");
   for (const auto& [name, value] : {std::pair{"neutral", ToneCurve::neutral},
                                     {"srgb", ToneCurve::srgb},
                                     {"none", ToneCurve::none}})

@@ -16,7 +16,7 @@
 namespace slf::python {
 namespace {
 
-std::unique_ptr<OpenField> open(const std::string& path, std::uint64_t memory, unsigned threads,
+std::unique_ptr<OpenField> open(const Text& path, std::uint64_t memory, unsigned threads,
                                 py::object progress) {
   RendererOptions options;
   options.memory = memory;
@@ -34,12 +34,6 @@ std::unique_ptr<OpenField> open(const std::string& path, std::uint64_t memory, u
 #endif
   });
   return std::make_unique<OpenField>(value_of(std::move(field), path), options);
-}
-
-/// Whether colours are linear radiance, which pictures are tone-mapped from.
-bool is_linear(const Field& field) {
-  const LightOptions lighting = raycast_options(field.provenance()).lighting;
-  return lighting.mode != Lighting::direct && lighting.linear;
 }
 
 py::object content(const OpenField& open) {
@@ -125,8 +119,8 @@ py::array tile(OpenField& open, unsigned level, std::uint64_t entry, std::uint64
 
 // ---- checks and measures -----------------------------------------------------------------------
 
-py::object verify(const std::string& path, const OpenField* open, bool quick, bool fix,
-                  unsigned threads, py::object progress) {
+py::object verify(const Text& path, const OpenField* open, bool quick, bool fix, unsigned threads,
+                  py::object progress) {
   const VerifyOptions options{.quick = quick, .fix = fix, .threads = threads};
   LongCall call(std::move(progress));
   const auto report = value_of(call.without_gil([&] {
@@ -136,7 +130,7 @@ py::object verify(const std::string& path, const OpenField* open, bool quick, bo
                                path);
   py::list findings;
   for (const Finding& finding : report.findings)
-    findings.append(tuple_named("Finding", id(finding.kind), finding.message));
+    findings.append(tuple_named("Finding", id(finding.kind), Text(finding.message)));
   return tuple_named("VerifyReport", py::tuple(findings), report.found, report.damaged,
                      report.unfixed, report.tiles, report.payload_bytes, report.dropped,
                      report.complete);
@@ -245,16 +239,19 @@ void bind_fields(py::module_& module) {
   py::class_<OpenField>(module, "Field")
       .def(py::init(&open), py::arg("path"), py::arg("memory"), py::arg("threads"),
            py::arg("progress"))
-      .def_property_readonly("path", [](const OpenField& f) { return f.field().path(); })
+      .def_property_readonly("path", [](const OpenField& f) { return Text(f.field().path()); })
       .def_property_readonly("shape",
                              [](const OpenField& f) { return tuple_of(f.field().shape()); })
       .def_property_readonly("format", [](const OpenField& o) { return name(o.field().format()); })
-      .def_property_readonly("codec", [](const OpenField& o) { return o.field().codec(); })
+      .def_property_readonly("codec", [](const OpenField& o) { return Text(o.field().codec()); })
       .def_property_readonly("has_depth", [](const OpenField& f) { return f.field().has_depth(); })
-      .def_property_readonly("linear", [](const OpenField& f) { return is_linear(f.field()); })
-      .def_property_readonly("manifest", [](const OpenField& f) { return f.field().manifest(); })
+      .def_property_readonly(
+          "linear",
+          [](const OpenField& f) { return view_tone(f.field().provenance()).has_value(); })
+      .def_property_readonly("manifest",
+                             [](const OpenField& f) { return Text(f.field().manifest()); })
       .def_property_readonly("provenance",
-                             [](const OpenField& f) { return f.field().provenance(); })
+                             [](const OpenField& f) { return Text(f.field().provenance()); })
       .def_property_readonly("file_bytes",
                              [](const OpenField& f) { return f.field().file_bytes(); })
       .def("content", content)

@@ -147,15 +147,15 @@ ScalarType scalar_type(const py::dtype& type) {
 /// as long as a volume needs it.
 VolumeHandle volume_of(const py::array& array, const Triple& origin,
                        const std::array<Triple, 3>& axes, double slope, double intercept,
-                       bool labels, const std::string& source,
-                       const std::vector<std::string>& files) {
+                       bool labels, const Text& source, const Texts& files) {
   if (array.ndim() != 3 || !(array.flags() & py::array::c_style))
     throw py::value_error("expected an array [z, y, x] in C order");
   auto volume = std::make_shared<Volume>();
   for (py::ssize_t axis = 0; axis < 3; ++axis) {
     const py::ssize_t size = array.shape(2 - axis);
-    if (size > std::numeric_limits<std::int32_t>::max())
-      throw py::value_error("an axis of the array has more than 2^31 voxels");
+    if (size < 2 || size > std::numeric_limits<std::int32_t>::max())
+      throw py::value_error("an array of shape " + std::string(py::str(array.attr("shape"))) +
+                            ": expected 2 to 2^31 voxels along each axis");
     volume->dims[static_cast<std::size_t>(axis)] = static_cast<std::uint32_t>(size);
     volume->axes[static_cast<int>(axis)] = vector_of(axes[static_cast<std::size_t>(axis)]);
   }
@@ -172,11 +172,11 @@ VolumeHandle volume_of(const py::array& array, const Triple& origin,
   volume->origin = vector_of(origin);
   volume->labels = labels;
   volume->source = source;
-  volume->files = files;
+  volume->files.assign(files.begin(), files.end());
   return volume;
 }
 
-VolumeHandle read(const std::string& path, bool labels, const std::optional<Triple>& spacing,
+VolumeHandle read(const Text& path, bool labels, const std::optional<Triple>& spacing,
                   std::optional<std::uint32_t> component, std::optional<std::uint32_t> time,
                   const std::optional<std::string>& array, const std::optional<std::string>& series,
                   bool resample) {
@@ -221,13 +221,12 @@ LabelTable label_table(const std::map<std::int64_t, Style>& styles) {
   return table;
 }
 
-SceneHandle raycaster(Volume volume, const std::string& settings, const std::string& transfer,
+SceneHandle raycaster(Volume volume, const std::string& settings, const Text& transfer,
                       const std::string& transfer_json,
-                      const std::optional<std::array<double, 2>>& range, const std::string& rig,
-                      const std::string& environment, const VolumeHandle& labels,
-                      const std::string& table,
+                      const std::optional<std::array<double, 2>>& range, const Text& rig,
+                      const Text& environment, const VolumeHandle& labels, const Text& table,
                       const std::optional<std::map<std::int64_t, Style>>& styles,
-                      const VolumeHandle& mask, const std::string& light_file, unsigned threads) {
+                      const VolumeHandle& mask, const Text& light_file, unsigned threads) {
   SceneHandle handle;
   LongCall call;
   const std::string source = volume.source;
@@ -288,8 +287,9 @@ void bind_scenes(py::module_& module) {
            py::arg("slope"), py::arg("intercept"), py::arg("labels"), py::arg("source"),
            py::arg("files"))
       .def_readonly("dims", &Volume::dims)
-      .def_readonly("notes", &Volume::notes)
-      .def_readonly("source", &Volume::source)
+      .def_property_readonly("notes",
+                             [](const Volume& v) { return Texts(v.notes.begin(), v.notes.end()); })
+      .def_property_readonly("source", [](const Volume& v) { return Text(v.source); })
       .def_readonly("labels", &Volume::labels)
       .def_property_readonly("spacing", [](const Volume& v) { return triple_of(v.spacing()); })
       .def_property_readonly("value_range", &Volume::value_range)
@@ -301,7 +301,7 @@ void bind_scenes(py::module_& module) {
       .def_property_readonly("bounds",
                              [](const SceneHandle& s) { return tuple_of(s.scene->bounds()); })
       .def_property_readonly("provenance",
-                             [](const SceneHandle& s) { return s.scene->provenance(); })
+                             [](const SceneHandle& s) { return Text(s.scene->provenance()); })
       .def("raycast", raycast, py::arg("camera"), py::arg("threads"), py::arg("tone"),
            py::arg("progress"));
   module.def("raycaster", raycaster, py::arg("volume"), py::arg("settings"), py::arg("transfer"),

@@ -20,8 +20,10 @@ namespace {
 /// Serves fields on a thread of its own until it is closed.
 class ViewServer {
  public:
-  explicit ViewServer(const std::vector<std::string>& fields)
-      : server_(value_of(view::Server::make(fields, {}), fields.empty() ? "" : fields.front())),
+  explicit ViewServer(const Texts& fields)
+      : server_(
+            value_of(view::Server::make(std::vector<std::string>(fields.begin(), fields.end()), {}),
+                     fields.empty() ? Text() : fields.front())),
         thread_([this] { (void)server_.run([this] { return stop_.load(); }); }) {}
   ~ViewServer() { close(); }
   ViewServer(const ViewServer&) = delete;
@@ -44,8 +46,7 @@ void check_page() {
   if (view::page_files().empty()) throw Failure({ErrorCode::unsupported, view::no_page()}, "");
 }
 
-void export_field(const std::string& field, const std::string& output, bool force,
-                  py::object progress) {
+void export_field(const Text& field, const Text& output, bool force, py::object progress) {
   LongCall call(std::move(progress));
   value_of(call.without_gil([&] {
     auto written = view::export_field(field, field, output,
@@ -60,12 +61,12 @@ void export_field(const std::string& field, const std::string& output, bool forc
 
 void bind_views(py::module_& module) {
   py::class_<ViewServer>(module, "Server")
-      .def(py::init([](const std::vector<std::string>& fields) {
+      .def(py::init([](const Texts& fields) {
              check_page();
              return std::make_unique<ViewServer>(fields);
            }),
            py::arg("fields"))
-      .def_property_readonly("url", &ViewServer::url)
+      .def_property_readonly("url", [](const ViewServer& server) { return Text(server.url()); })
       .def("close", &ViewServer::close);
   module.def("export_field", export_field, py::arg("field"), py::arg("output"), py::arg("force"),
              py::arg("progress"));

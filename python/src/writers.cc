@@ -15,12 +15,12 @@ namespace {
 
 using Levels = std::array<std::optional<unsigned>, 2>;
 
-py::object build(const SceneHandle& handle, const std::string& path, const SphereTuple& sphere,
+py::object build(const SceneHandle& handle, const Text& path, const SphereTuple& sphere,
                  std::uint32_t entry, std::uint32_t exit, unsigned levels,
                  unsigned entry_extra_levels, const std::string& codec, bool depth, bool half,
                  unsigned threads, double commit_seconds, bool replace,
                  const std::pair<std::uint32_t, std::uint32_t>& shard, const Levels& shard_levels,
-                 const std::string& coarser, py::object progress) {
+                 const Text& coarser, py::object progress) {
   BuildOptions options;
   options.shape.sphere = sphere_of(sphere);
   options.shape.entry_side = entry;
@@ -42,10 +42,10 @@ py::object build(const SceneHandle& handle, const std::string& path, const Spher
   return tuple_named("BuildReport", report.tiles, report.resumed);
 }
 
-py::object repack(const OpenField& open, const std::string& path, const std::string& codec,
-                  bool depth, std::optional<unsigned> levels,
-                  const std::vector<std::uint8_t>& subfields, std::optional<bool> half, bool light,
-                  std::uint64_t memory, unsigned threads, bool replace, py::object progress) {
+py::object repack(const OpenField& open, const Text& path, const std::string& codec, bool depth,
+                  std::optional<unsigned> levels, const std::vector<std::uint8_t>& subfields,
+                  std::optional<bool> half, bool light, std::uint64_t memory, unsigned threads,
+                  bool replace, py::object progress) {
   const RepackOptions options{codec, depth,  levels,  subfields, half,
                               light, memory, threads, replace};
   LongCall call(std::move(progress));
@@ -56,12 +56,14 @@ py::object repack(const OpenField& open, const std::string& path, const std::str
                      report.payload_bytes, report.file_bytes);
 }
 
-py::object merge(const std::vector<std::string>& parts, const std::string& path, bool part,
-                 std::uint64_t memory, unsigned threads, bool replace, py::object progress) {
+py::object merge(const Texts& parts, const Text& path, bool part, std::uint64_t memory,
+                 unsigned threads, bool replace, py::object progress) {
   const MergeOptions options{memory, threads, part, replace};
   LongCall call(std::move(progress));
-  const auto report = value_of(
-      call.without_gil([&] { return merge_fields(parts, path, options, call.progress()); }), path);
+  const auto report = value_of(call.without_gil([&] {
+    return merge_fields({parts.begin(), parts.end()}, path, options, call.progress());
+  }),
+                               path);
   return tuple_named("MergeReport", report.tiles, report.payload_bytes, report.file_bytes);
 }
 
@@ -76,11 +78,13 @@ py::object diff(const OpenField& a, const OpenField& b, unsigned threads, py::ob
       const TileAddress address = address_of(a.field(), *c.worst);
       worst = py::make_tuple(address.level, address.entry, address.exit);
     }
-    channels.append(tuple_named("ChannelDifference", c.channel, c.compared, c.only_in_a,
+    channels.append(tuple_named("ChannelDifference", Text(c.channel), c.compared, c.only_in_a,
                                 c.only_in_b, c.recoded, c.differing, c.psnr, c.worst_psnr, worst));
   }
-  return tuple_named("Difference", difference.equal(), difference.comparable,
-                     py::tuple(py::cast(difference.manifest)), py::tuple(channels));
+  return tuple_named(
+      "Difference", difference.equal(), difference.comparable,
+      py::tuple(py::cast(Texts(difference.manifest.begin(), difference.manifest.end()))),
+      py::tuple(channels));
 }
 
 py::object evaluate(const OpenField& open, const SceneHandle& handle,

@@ -282,6 +282,98 @@ def test_wrong_arguments(voxels, tmp_path):
         assert os.listdir(tmp_path) == []
 
 
+@pytest.mark.parametrize("shape", [(0, 4, 4), (4, 0, 4), (4, 4, 0), (1, 4, 4), (0, 0, 0)])
+def test_arrays_without_voxels_are_refused(shape, voxels):
+    for dtype in ("u1", "f4"):
+        empty = np.ones(shape, dtype)
+        for source, settings in ((empty, {}), (empty, dict(labels=True)),
+                                 (voxels, dict(labels=empty.astype("u1"))),
+                                 (voxels, dict(mask=empty)), (empty, dict(transfer=lambda v: v))):
+            with pytest.raises(ValueError, match="along each axis"):
+                slf.raycast(source, size=(8, 8), **settings)
+
+
+NAN, INF = float("nan"), float("inf")
+
+
+@pytest.mark.parametrize("bad", [NAN, INF, -INF])
+def test_numbers_must_be_finite(bad, voxels, tmp_path):
+    """None of them may be ignored, or with it all other settings."""
+    scalars = ("step", "ambient", "light_samples", "light_bounces", "light_spacing",
+               "light_memory", "light_seed", "environment_gain")
+    everywhere = [{name: bad} for name in scalars] + [
+        dict(light_direction=(0, bad, 1)), dict(tone=slf.Tone(bad)), dict(range=(bad, 100)),
+        dict(range=(0, bad)), dict(spacing=(1, bad, 1)), dict(origin=(0, bad, 0)),
+        dict(affine=np.diag([1, bad, 1, 1])), dict(transfer=[(0, 0, 0, 0, 0), (1, 1, 1, 1, bad)]),
+        dict(labels=np.ones(voxels.shape, "u1"), label_table={1: ("a", (1, bad, 0), 1)}),
+        dict(labels=np.ones(voxels.shape, "u1"), label_table={1: ("a", (1, 1, 0), bad)})]
+    for settings in everywhere:
+        with pytest.raises(ValueError):
+            slf.raycast(voxels, size=(8, 8), **settings)
+    for settings in (dict(radius=bad), dict(center=(0, bad, 0)), dict(commit_every=bad)):
+        with pytest.raises(ValueError):
+            slf.build("scene:balls", tmp_path / "a.slf", **{**SMALL, **settings})
+    with pytest.raises(ValueError):
+        slf.build_rays(lambda a, b: np.ones((len(a), 4)), ((0, 0, bad), 1), tmp_path / "a.slf")
+    for camera in (slf.orbit(bad, 20, 3), slf.orbit(0, 20, bad),
+                   slf.Camera((0, bad, 3), (0, 0, 0)), slf.Camera((0, 1, 3), (0, 0, 0), fov=bad)):
+        with pytest.raises(ValueError):
+            slf.raycast("scene:balls", camera, (8, 8))
+    with pytest.raises(ValueError):
+        slf.raycast("scene:balls", size=(8, 8), background=(0, bad, 0))
+    assert os.listdir(tmp_path) == []
+
+
+@pytest.mark.parametrize("name", ["no\udcff.nii", "né\udcfe.slf"])
+def test_names_need_not_be_utf8(name, voxels, tmp_path):
+    missing = tmp_path / name
+    calls = [lambda: slf.open(missing), lambda: slf.raycast(missing), lambda: slf.verify(missing),
+             lambda: slf.raycast(voxels, transfer=missing),
+             lambda: slf.raycast(voxels, environment=missing),
+             lambda: slf.raycast(voxels, light_rig=str(missing) + "/.json"),
+             lambda: slf.raycast(voxels, labels=np.ones(voxels.shape, "u1"), label_table=missing),
+             lambda: slf.merge([missing], tmp_path / "a.slf"),
+             lambda: slf.repack(missing, tmp_path / "a.slf")]
+    for call in calls:
+        with pytest.raises(slf.Error) as error:
+            call()
+        assert name in str(error.value)
+    missing.write_bytes(b"no field")
+    with pytest.raises(slf.BadFileError) as error:
+        slf.open(os.fsencode(missing))
+    assert error.value.path == str(missing)
+    missing.unlink()
+    with slf.build(voxels, missing, name=str(missing), **SMALL) as field:
+        assert field.path == str(missing)
+        assert slf.verify(field).ok
+    with slf.open(missing) as field:
+        assert field.render(size=(8, 8)).shape == (8, 8, 4)
+
+
+def test_masks_of_numpy_hide_voxels(voxels, tmp_path):
+    settings = dict(camera=slf.orbit(20, 10, 3), size=(32, 32), light="direct")
+    hidden = np.zeros(voxels.shape, bool)
+    hidden[:, :, 8:] = True
+    poisoned = np.where(hidden, 30000, voxels).astype(np.int16)
+    least = np.where(hidden, voxels[~hidden].min(), voxels).astype(np.int16)
+    cast = lambda source, **more: slf.raycast(source, **settings, **more)
+    expected = cast(least, mask=~hidden)
+    assert not np.array_equal(expected, cast(voxels))
+    masked = np.ma.array(poisoned, mask=hidden)
+    assert np.array_equal(cast(masked), expected)
+    other = np.ones(voxels.shape, "u1")
+    other[:6] = 0
+    assert np.array_equal(cast(masked, mask=other), cast(least, mask=other * ~hidden))
+    assert np.array_equal(cast(np.ma.array(voxels)), cast(voxels))  # nothing is masked
+    ids = (voxels > 500).astype(np.uint8)
+    assert np.array_equal(cast(np.ma.array(ids, mask=hidden), labels=True),
+                          cast(ids * ~hidden, labels=True))
+    assert np.array_equal(cast(voxels, labels=np.ma.array(ids, mask=hidden)),
+                          cast(voxels, labels=ids * ~hidden))
+    assert np.array_equal(cast(voxels, mask=np.ma.array(other, mask=hidden)),
+                          cast(voxels, mask=other * ~hidden))
+
+
 def test_same_call_opens_and_another_is_refused(voxels, tmp_path):
     out = tmp_path / "a.slf"
     assert slf.build(voxels, out, **SMALL).build_report == (1088, 0)

@@ -53,6 +53,26 @@ TEST_F(Files, AReplacedFileKeepsItsPermissions) {
   EXPECT_EQ(count(), 1u);
 }
 
+// Opening a FIFO waits for a writer, and a device may never end.
+TEST_F(Files, OnlyRegularFilesAreRead) {
+  ASSERT_EQ(::mkfifo(at("pipe").c_str(), 0600), 0);
+  fs::create_symlink("pipe", at("link"));
+  for (const std::string& path : {at("pipe"), at("link"), std::string("/dev/zero"), at("")}) {
+    SCOPED_TRACE(path);
+    for (const auto& error :
+         {file_size(path).error(), open_regular(path).error(), read_file(path, 1 << 20).error()}) {
+      EXPECT_EQ(error.code, ErrorCode::io);
+      EXPECT_EQ(error.message, path + ": not a regular file");
+    }
+  }
+  EXPECT_EQ(open_regular(at("none")).error().code, ErrorCode::not_found);
+  write("a", "text");
+  EXPECT_EQ(file_size(at("a")).value(), 4u);
+  std::string word;
+  *open_regular(at("a")) >> word;
+  EXPECT_EQ(word, "text");
+}
+
 TEST_F(Files, AnOutputIsNoInputNorAnythingButAFile) {
   write("a", "old");
   fs::create_symlink("a", at("soft"));

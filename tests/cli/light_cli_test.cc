@@ -176,6 +176,22 @@ TEST_F(LightCli, AFieldKeepsItsLight) {
   EXPECT_EQ(slf({"verify", place / "a.slf"}).exit_code, 0);
 }
 
+// Radiance without a tone curve is far too dark, and bright parts are cut off.
+TEST_F(LightCli, PlayShowsRadianceAsRenderDoes) {
+  ASSERT_EQ(slf(build("a.slf", {"--color-type", "half", "--codec", "zstd"})).exit_code, 0);
+  ASSERT_EQ(slf({"play", place / "a.slf", "--orbit", "10,20,3", "--seconds", "0.1", "--size", "32",
+                 "--loading", "wait", "--frames", place / "frames"})
+                .exit_code,
+            0);
+  ASSERT_EQ(
+      slf({"render", place / "a.slf", "--orbit", "10,20,3", "--size", "32", "-o", place / "r.png"})
+          .exit_code,
+      0);
+  const auto played = read_image(place / "frames/00000.png"), drawn = read_image(place / "r.png");
+  ASSERT_TRUE(played && drawn);
+  EXPECT_TRUE(played->rgba == drawn->rgba);
+}
+
 TEST_F(LightCli, DamagedLightIsFoundAndComputedAgain) {
   ASSERT_EQ(slf(build("a.slf")).exit_code, 0);
   std::string bytes = testing::read_text(place / "a.slf");

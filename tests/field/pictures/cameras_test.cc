@@ -79,13 +79,85 @@ TEST_F(Pictures, BadCamerasAreNamed) {
   EXPECT_THAT(with("/camera_angle_x", 0), HasSubstr("focal length of"));
   EXPECT_THAT(with("/camera_model", "EQUIRECTANGULAR"), HasSubstr("EQUIRECTANGULAR"));
   EXPECT_THAT(with("/w", -5), HasSubstr("no error"));  // only counts together with h
-  Json twice = good;
-  twice["frames"].push_back(twice["frames"][0]);
-  EXPECT_THAT(message_of(twice), HasSubstr("there twice"));
   Json missing = good;
   missing["frames"][0]["file_path"] = "b";
   missing["w"] = 40, missing["h"] = 30;
   EXPECT_THAT(message_of(missing), AllOf(HasSubstr("there is no picture"), HasSubstr("/b")));
+}
+
+// As by instant-ngp and nerfstudio: lists are often longer than the folder of pictures.
+TEST_F(Pictures, WhatCannotBeUsedIsLeftOutAndCounted) {
+  for (const bool sized : {false, true}) {
+    SCOPED_TRACE(sized);
+    Json json = transforms();
+    if (sized) json["w"] = 40, json["h"] = 30;
+    const Json frame = json["frames"][0];
+    const auto add = [&](const std::string& file) -> Json& {
+      json["frames"].push_back(frame);
+      json["frames"].back()["file_path"] = file;
+      return json["frames"].back();
+    };
+    add("a");  // once more
+    write_picture("b.png", 40, 30);
+    add("b");
+    add("gone_1");
+    add("gone_2");
+    write("text.png", std::string("no picture"));
+    add("text.png");
+    write("transforms.json", json);
+    auto set = read_pictures(path("transforms.json"));
+    ASSERT_TRUE(set) << set.error().message;
+    EXPECT_EQ(set->pictures.size(), 2u);
+    for (const auto& [counted, named] :
+         {std::pair{"2 of ", "gone_1"}, {"1 of ", "text.png"}, {"1 pictures are there twice", ""}})
+      EXPECT_THAT(set->notes,
+                  ::testing::Contains(AllOf(::testing::StartsWith(counted), HasSubstr(named))));
+    // So are those whose mask is missing, and those of another shape.
+    write_picture("c.png", 40, 30);
+    write_picture("d.png", 40, 30);
+    write_picture("e.png", 30, 40);
+    add("c")["mask_path"] = "none.png";
+    add("d")["depth_file_path"] = "none.png";
+    Json& turned = add("e");
+    turned["w"] = 40, turned["h"] = 30;
+    ASSERT_EQ(::mkfifo(path(sized ? "pipe1.png" : "pipe.png").c_str(), 0600), 0);
+    add(sized ? "pipe1.png" : "pipe.png");
+    write("transforms.json", json);
+    set = read_pictures(path("transforms.json"));
+    ASSERT_TRUE(set) << set.error().message;
+    EXPECT_EQ(set->pictures.size(), 3u);  // d without its depths
+    EXPECT_THAT(set->notes, ::testing::Contains("1 pictures of depths are missing"));
+    // One picture is too little.
+    for (const char* file : {"b.png", "d.png"}) std::filesystem::remove(path(file));
+    EXPECT_THAT(message_of(json), AllOf(HasSubstr("there is no"), HasSubstr("1 can be used")));
+  }
+}
+
+// As programs on Windows name them, and cameras that changed the case.
+TEST_F(Pictures, NamesMayHaveBackslashesAndAnotherCase) {
+  Json json = transforms();
+  const Json frame = json["frames"][0];
+  json["frames"].clear();
+  write_picture("Images/R_0.png", 40, 30);
+  std::filesystem::rename(path("Images/R_0.png"), path("Images/R_0.JPG"));  // not told by its name
+  write_picture("Images/r_1.png", 40, 30);
+  write_picture("Images/back\\slash.png", 40, 30);
+  write_picture("Images/masks/m.png", 40, 30);
+  for (const char* name : {".\\images\\r_0.jpg", "images/R_1", "Images/back\\slash.png"}) {
+    json["frames"].push_back(frame);
+    json["frames"].back()["file_path"] = name;
+    json["frames"].back()["mask_path"] = "images\\Masks\\M.PNG";
+  }
+  write("transforms.json", json);
+  const auto set = read_pictures(path("."));
+  ASSERT_TRUE(set) << set.error().message;
+  std::vector<std::string> files;
+  for (const Picture& picture : set->pictures) {
+    files.push_back(picture.file);
+    EXPECT_EQ(picture.mask, path("Images/masks/m.png"));
+  }
+  EXPECT_THAT(files, ::testing::UnorderedElementsAre(path("Images/R_0.JPG"), path("Images/r_1.png"),
+                                                     path("Images/back\\slash.png")));
 }
 
 TEST_F(Pictures, PicturesOfAnotherSizeScaleTheirCameras) {
@@ -205,6 +277,30 @@ TEST(Colmap, TextAndBinaryModelsAreEqual) {
     ASSERT_EQ(set->points.size(), 1u);
     EXPECT_EQ(set->points[0], glm::dvec3(0.5, 0.25, 0));
   }
+}
+
+// Programs that write no points leave out the second line of each image.
+TEST(Colmap, ImagesMayHaveOneLineEach) {
+  const auto model_of = [](const std::string& images) {
+    auto model = text_model();
+    model.images.clear();
+    for (const char c : images) model.images.push_back(static_cast<std::byte>(c));
+    return model;
+  };
+  const auto names = [&](const std::string& images) {
+    const auto set = cameras::parse_colmap(model_of(images), "");
+    std::string all;
+    if (set)
+      for (const Picture& picture : set->pictures) all += picture.name + "|";
+    return set ? all : set.error().message;
+  };
+  const std::string a = "1 1 0 0 0 0 0 4 7 a.png\n", b = "2 1 0 0 0 0 0 4 7 0002\n",
+                    c = "3 1 0 0 0 0 0 4 7 c d.png\n";
+  const std::string points = "1 2 -1 3.5 4 17 5 6 -1 7 8 9\n";
+  EXPECT_EQ(names(a + b + c), "a.png|0002|c d.png|");
+  EXPECT_EQ(names(a + "\n" + b + points + c), "a.png|0002|c d.png|");
+  EXPECT_EQ(names(a + points + b + c + points), "a.png|0002|c d.png|");
+  EXPECT_EQ(names("# two\n\n" + a + "# comment\n" + b), "a.png|0002|");
 }
 
 TEST_F(Pictures, FoldersThatMayNotBeEnteredDoNotMatter) {

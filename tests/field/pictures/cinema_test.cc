@@ -56,6 +56,7 @@ TEST_F(Cinema, AnglesAreThoseOfParaView) {
 }
 
 TEST_F(Cinema, OnePictureOfEachDirectionIsRead) {
+  write("a_z.tif", std::string("depths"));
   const auto set = read(
       "time,PHI,Theta,view_angle,FILE,FILE_depth\n"
       "0.5,0,0,45,a.png,a_z.tif\n"

@@ -1,6 +1,7 @@
 // The scene that pictures make.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <png.h>
 #include <tiffio.h>
 
 #include <cmath>
@@ -142,8 +143,86 @@ TEST_F(PictureScenes, ImpossibleSetsAreNamed) {
   Image black{96, 96, std::vector(96 * 96, glm::vec4(0)), {}};
   ASSERT_TRUE(write_image(path("black.png"), black, {.transparent = true}));
   EXPECT_THAT(message(mixed), HasSubstr("nothing is inside the silhouettes"));
+  for (const Picture& picture : set.pictures) write(picture.name + ".png", std::string("none"));
+  EXPECT_THAT(message(set), HasSubstr("0000.png"));
+}
+
+TEST_F(PictureScenes, DamagedPicturesAreLeftOut) {
+  PictureSet set = draw(12, ".png");
   write("0003.png", std::string("no picture"));
-  EXPECT_THAT(message(set), HasSubstr("0003.png"));
+  std::vector<std::string> notes;
+  const auto scene = make_picture_scene(
+      set, {.voxels = 32, .on_note = [&](const std::string& note) { notes.push_back(note); }});
+  ASSERT_TRUE(scene) << scene.error().message;
+  EXPECT_EQ(Json::parse((*scene)->provenance())["pictures"], 11);
+  EXPECT_THAT(notes, ::testing::Contains(
+                         AllOf(HasSubstr("1 of 12 pictures are left out"), HasSubstr("0003.png"))));
+}
+
+// A mask is where it is not 0, whatever the number; of a palette, the index counts.
+TEST_F(PictureScenes, MasksAreWhereTheyAreNotZero) {
+  PictureSet set = draw(24, ".png");
+  const auto palette_png = [](const Image& image) {  // index 0 is white, 1 black
+    png_image png{};
+    png.version = PNG_IMAGE_VERSION;
+    png.width = image.width, png.height = image.height;
+    png.format = PNG_FORMAT_RGB_COLORMAP;
+    png.colormap_entries = 2;
+    const std::array<std::uint8_t, 6> map{255, 255, 255, 0, 0, 0};
+    std::vector<std::uint8_t> indices;
+    for (const glm::vec4& p : image.rgba) indices.push_back(p.a > 0.5f);
+    std::string bytes(1 << 16, '\0');
+    png_alloc_size_t size = bytes.size();
+    EXPECT_TRUE(
+        png_image_write_to_memory(&png, bytes.data(), &size, 0, indices.data(), 0, map.data()));
+    return bytes.substr(0, size);
+  };
+  const auto grey_png = [](const Image& image) {
+    Image grey{image.width, image.height, {}, {}};
+    for (const glm::vec4& p : image.rgba)
+      grey.rgba.emplace_back(glm::vec3(p.a > 0.5f ? 1.0f / 255 : 0), 1);
+    return grey;
+  };
+  for (const bool palette : {false, true}) {
+    SCOPED_TRACE(palette);
+    for (Picture& picture : set.pictures) {
+      const Image image = view(picture);
+      picture.mask = path("mask.png" + picture.name);
+      if (palette)
+        write("mask.png" + picture.name, palette_png(image));
+      else {
+        picture.mask = path("mask" + picture.name + ".png");
+        ASSERT_TRUE(write_image(picture.mask, grey_png(image)));
+      }
+      Image opaque = image;
+      for (glm::vec4& p : opaque.rgba) p = {glm::vec3(p) + (1 - p.a) * glm::vec3(0.2f), 1};
+      ASSERT_TRUE(write_image(picture.file, opaque));
+    }
+    const auto scene = make_picture_scene(set, {.depth = DepthKind::none, .voxels = 96});
+    ASSERT_TRUE(scene) << scene.error().message;
+    EXPECT_GT(quality(**scene), 20);
+  }
+}
+
+// Wide pictures see beside the object what no other picture sees: that is no object.
+TEST_F(PictureScenes, TheSphereFitsWhatEnoughPicturesSee) {
+  PictureSet set = draw(24, ".png");
+  const double radius = balls_->bounds().radius;
+  for (Picture& picture : set.pictures) {
+    // From a ring of cameras, as most people take pictures, three times as wide as high.
+    picture.eye.z = balls_->bounds().center.z + 0.3 * (picture.eye.z - balls_->bounds().center.z);
+    const glm::dvec3 way = glm::normalize(balls_->bounds().center - picture.eye);
+    const glm::dvec3 right = glm::normalize(glm::cross(way, {0, 0, 1}));
+    picture.axes = glm::dmat3(right, glm::cross(way, right), way);
+    picture.eye = balls_->bounds().center - 3 * radius * way;
+    picture.lens.width *= 3;
+    picture.lens.cx = picture.lens.width / 2.0;
+    picture.lens.finish();
+    ASSERT_TRUE(write_image(picture.file, view(picture), {.transparent = true}));
+  }
+  const auto scene = make_picture_scene(set, {.depth = DepthKind::none, .voxels = 64});
+  ASSERT_TRUE(scene) << scene.error().message;
+  EXPECT_LT((*scene)->bounds().radius, 1.25 * radius);
 }
 
 TEST_F(PictureScenes, EveryNthPictureIsHeldOut) {

@@ -467,6 +467,9 @@ TEST(DicomPlaces, AMosaicAndTilesAreNamed) {
   auto mosaic = small_slice(0);
   mosaic[0x00080008] = text("CS", "ORIGINAL\\PRIMARY\\M\\ND\\MOSAIC");
   expect_error(folder.write("a", write_dicom(mosaic)), ErrorCode::unsupported, "mosaic");
+  auto enhanced = enhanced_file({frame_at(0), frame_at(2), frame_at(4)}, {0, 1, 2});
+  enhanced[0x00080008] = mosaic[0x00080008];  // a word of it only
+  expect_slices(expect_read(folder.write("c", write_dicom(enhanced))), {0, 1, 2});
   auto tile = small_slice(0);
   tile[0x00480006] = ul({4096});
   expect_error(folder.write("b", write_dicom(tile)), ErrorCode::unsupported, "slide");

@@ -51,18 +51,51 @@ TEST(VolumeFolder, ColorsAndOddOnesOut) {
   for (const std::uint32_t k : {0, 1, 2}) {
     write_png(grey, std::to_string(k) + ".png", k, PNG_FORMAT_RGB);
     write_png(colored, std::to_string(k) + ".png", k, PNG_FORMAT_RGB, true);
-    write_png(mixed, std::to_string(k) + ".png", k, k == 1 ? PNG_FORMAT_RGB : PNG_FORMAT_GRAY);
+    write_png(mixed, std::to_string(k) + ".png", k, k == 2 ? PNG_FORMAT_RGB : PNG_FORMAT_GRAY);
   }
   expect_phantom(expect_read(grey.path()), ScalarType::u8);
   expect_error(colored.path(), ErrorCode::unsupported, "3 components");
   expect_phantom(expect_read(colored.path(), {.component = 0}), ScalarType::u8);
-  expect_error(mixed.path(), ErrorCode::unsupported, "1.png: 5x4 u8, 3 components, unlike");
+  expect_error(mixed.path(), ErrorCode::unsupported, "2.png: 5x4 u8, 3 components, unlike");
   write_png(both, "a.png", 0, PNG_FORMAT_GRAY);
   both.write("a.tif", std::string("II*\0\x08\0\0\0", 8));
   both.write("a.jpg", "\xff\xd8\xff");
   expect_error(both.path(), ErrorCode::unsupported, "1 PNGs and 1 JPEGs and 1 TIFFs");
-  colored.write("3.png", "\x89PNG\r\n\x1a\nxxxx");
-  expect_error(colored.path(), ErrorCode::bad_file, "3.png: damaged PNG", {.component = 0});
+  for (const char* name : {"3.png", "4.png"}) colored.write(name, "\x89PNG\r\n\x1a\nxxxx");
+  expect_error(colored.path(), ErrorCode::bad_file, "4.png: damaged PNG", {.component = 0});
+}
+
+// As ImageJ does, where no slice comes to lie in the place of another.
+TEST(VolumeFolder, StraysAreLeftOutAndCounted) {
+  const auto series = [](const Folder& folder, std::uint32_t from = 0) {
+    for (const std::uint32_t k : {0, 1, 2})
+      write_png(folder, "s" + std::to_string(k + from) + ".png", k, PNG_FORMAT_GRAY);
+  };
+  const auto read = [](const Folder& folder, const std::string& note) {
+    const auto volume = expect_read(folder.path(), {.spacing = glm::dvec3(1)});
+    expect_phantom(volume, ScalarType::u8);
+    EXPECT_THAT(volume.notes, ElementsAre(HasSubstr(note)));
+    EXPECT_EQ(volume.files.size(), 4u);  // and the folder
+  };
+  const Folder named, kind, first, last, middle;
+  series(named);
+  write_png(named, "thumb.png", 2, PNG_FORMAT_RGB);
+  read(named, "left out 1 of 4 pictures, 'thumb.png', named unlike the series 's0.png'");
+  series(kind);
+  kind.write("s9.jpg", "\xff\xd8\xff");
+  read(kind, "of 3 PNGs and 1 JPEGs, only the PNGs are read");
+  series(first, 1);
+  write_png(first, "s0.png", 2, PNG_FORMAT_RGBA);
+  read(first, "left out 1 of 4 pictures: ");
+  series(last);
+  last.write("s3.png", "\x89PNG\r\n\x1a\nxxxx");
+  read(last, "s3.png: damaged PNG");
+  // A gap would shift all after it.
+  series(middle);
+  for (const char* more : {"s3.png", "s4.png", "s5.png"})
+    write_png(middle, more, 0, PNG_FORMAT_GRAY);
+  middle.write("s1.png", "\x89PNG\r\n\x1a\nxxxx");
+  expect_error(middle.path(), ErrorCode::bad_file, "s1.png: damaged PNG");
 }
 
 // Two channels are no colour, and not opacity either.

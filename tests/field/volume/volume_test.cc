@@ -306,6 +306,33 @@ TEST(Volume, LabelsAreIntegers) {
   }
 }
 
+// Programs store ids as floats, or with a slope that is rounded.
+TEST(Volume, LabelsAreIntegersUpToRounding) {
+  const Folder folder;
+  const auto exact = expect_read(folder.write("a.nii", nifti({.type = ScalarType::u8})));
+  std::string values;
+  for (const auto byte : exact.voxels) {
+    const double value = std::to_integer<int>(byte) * (1 + 1e-7);
+    values.append(reinterpret_cast<const char*>(&value), sizeof value);
+  }
+  const std::string doubles = nifti({.type = ScalarType::f64});
+  const std::string header = doubles.substr(0, doubles.size() - values.size());
+  for (const auto& path :
+       {folder.write("b.nii", header + values),
+        folder.write("c.nii", nifti({.type = ScalarType::f32, .slope = 1 + 1.2e-7}))}) {
+    const auto labels = expect_read(path, {.raw = {}, .labels = true});
+    EXPECT_TRUE(labels.labels);
+    for (std::uint32_t k = 0; k < 3; ++k)
+      for (std::uint32_t i = 0; i < 5; ++i)
+        EXPECT_EQ(value_at(labels, i, 1, k), phantom_value(i, 1, k));
+  }
+  std::string amounts = values;
+  const double half = 7.5;
+  amounts.replace(8, 8, reinterpret_cast<const char*>(&half), 8);
+  expect_error(folder.write("d.nii", header + amounts), ErrorCode::usage, "not all integers",
+               {.raw = {}, .labels = true});
+}
+
 TEST(Volume, ScalarTypesByTheirManyNames) {
   for (const auto type : kAllTypes) {
     EXPECT_EQ(*parse_scalar_type(name(type)), type);
