@@ -129,7 +129,7 @@ Result<bool> TiffFile::next() {
 }
 
 Result<void> TiffFile::go_to(std::uint64_t offset) {
-  message.clear();
+  message = {};
   page = 0;
   if (!TIFFSetSubDirectory(tiff.get(), offset)) return damaged();
   return {};

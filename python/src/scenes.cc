@@ -255,7 +255,8 @@ SceneHandle raycaster(Volume volume, const std::string& settings, const Text& tr
     }
     const auto function = transfer_for(volume, transfer, transfer_json, range);
     if (!function) return tl::unexpected(function.error());
-    for (const std::string& file : {transfer_file(transfer), rig, environment, table, light_file})
+    for (const std::string& file : std::initializer_list<std::string>{
+             transfer_file(transfer), rig, environment, table, light_file})
       volume.files.push_back(file);
     return Raycaster::make(std::move(volume), *function, options,
                            {threads, LightProgress::report, light_file, true});
