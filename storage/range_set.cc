@@ -29,17 +29,6 @@ void RangeSet::add(FileRange range) {
   ranges_[range.begin] = range.end;
 }
 
-void RangeSet::remove(FileRange range) {
-  auto at = ranges_.upper_bound(range.begin);
-  if (at != ranges_.begin() && std::prev(at)->second > range.begin) --at;
-  while (at != ranges_.end() && at->first < range.end) {
-    const auto [begin, end] = *at;
-    at = ranges_.erase(at);
-    if (begin < range.begin) ranges_[begin] = range.begin;
-    if (end > range.end) ranges_[range.end] = end;
-  }
-}
-
 void RangeSet::append_missing(FileRange range, std::vector<FileRange>& to) const {
   auto at = ranges_.upper_bound(range.begin);
   if (at != ranges_.begin() && std::prev(at)->second > range.begin) --at;

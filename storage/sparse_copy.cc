@@ -9,6 +9,8 @@
 
 #include "base/file.h"
 #include "base/try.h"
+#include "storage/internal/file_index.h"
+#include "storage/internal/pages.h"
 
 namespace slf::storage::internal {
 namespace {
@@ -53,35 +55,63 @@ Result<void> SparseCopy::put(std::uint64_t offset, ByteSpan bytes) const {
   return {};
 }
 
+/// The ranges that a thread is fetching. Their release allocates nothing.
+struct SparseCopy::Claim {
+  const SparseCopy& copy;
+  std::list<RangeSet>::iterator at;
+
+  ~Claim() {
+    {
+      const std::lock_guard lock(copy.mutex_);
+      copy.fetching_.erase(at);
+    }
+    copy.fetched_.notify_all();
+  }
+};
+
 Result<void> SparseCopy::fetch(std::span<const FileRange> ranges) const {
   while (true) {
-    std::vector<FileRange> ours;
-    {
-      std::unique_lock lock(mutex_);
-      std::vector<FileRange> absent;
-      for (const FileRange& range : ranges) present_.append_missing(range, absent);
-      if (absent.empty()) return {};
-      for (const FileRange& range : absent) fetching_.append_missing(range, ours);
-      if (ours.empty()) {
-        fetched_.wait(lock, [&] {
-          return std::none_of(absent.begin(), absent.end(),
-                              [&](const FileRange& range) { return fetching_.intersects(range); });
+    std::unique_lock lock(mutex_);
+    std::vector<FileRange> absent;
+    for (const FileRange& range : ranges) present_.append_missing(range, absent);
+    if (absent.empty()) return {};
+    std::vector<FileRange> ours = absent;
+    for (const RangeSet& others : fetching_) {
+      std::vector<FileRange> rest;
+      for (const FileRange& range : ours) others.append_missing(range, rest);
+      ours = std::move(rest);
+    }
+    if (ours.empty()) {
+      fetched_.wait(lock, [&] {
+        return std::none_of(fetching_.begin(), fetching_.end(), [&](const RangeSet& others) {
+          return std::any_of(absent.begin(), absent.end(),
+                             [&](const FileRange& range) { return others.intersects(range); });
         });
-        continue;  // check again: the other thread may have failed
-      }
-      const std::size_t max_requests = kBaseRequests + ours.size() / kRangesPerRequest;
-      ours = merged(std::move(ours), kGap, max_requests, kMaxGap);
-      for (const FileRange& range : ours) fetching_.add(range);
+      });
+      continue;  // check again: the other thread may have failed
     }
-    auto fetched = source_->fetch(
-        ours, [&](std::uint64_t offset, ByteSpan bytes) { return put(offset, bytes); });
-    {
-      const std::lock_guard lock(mutex_);
-      for (const FileRange& range : ours) fetching_.remove(range);
-    }
-    fetched_.notify_all();
-    if (!fetched) return fetched;
+    const std::size_t max_requests = kBaseRequests + ours.size() / kRangesPerRequest;
+    ours = merged(std::move(ours), kGap, max_requests, kMaxGap);
+    RangeSet claimed;
+    for (const FileRange& range : ours) claimed.add(range);
+    const Claim claim{*this, fetching_.insert(fetching_.end(), std::move(claimed))};
+    lock.unlock();
+    SLF_TRY(load(ours));
   }
+}
+
+Result<void> SparseCopy::load(std::span<const FileRange> ranges) const {
+  SLF_TRY(source_->fetch(ranges,
+                         [&](std::uint64_t offset, ByteSpan bytes) { return put(offset, bytes); }));
+  if (source_->has_version() || ranges.front().begin == 0) return {};
+  // The meta pages have the transaction; the footer of the index has a checksum of all tables.
+  const std::uint64_t size = source_->size();
+  const FileRange ends[] = {{0, 2 * kPageSize}, {size - kIndexFooter, size}};
+  return source_->fetch(ends, [&](std::uint64_t offset, ByteSpan bytes) -> Result<void> {
+    if (std::ranges::equal(bytes, file().subspan(offset, bytes.size()))) return {};
+    return fail(ErrorCode::bad_file, source_->name(),
+                ": the file has changed on the server since it was opened");
+  });
 }
 
 Result<void> SparseCopy::fetch(ByteSpan part) const {

@@ -114,7 +114,8 @@ class Renderer {
  private:
   friend class Player;
   struct State;
-  [[nodiscard]] Result<void> fetch(const Camera& camera, ViewOptions options, Reporter& progress);
+  [[nodiscard]] Result<void> fetch(const Camera& camera, ViewOptions options, Image& picture,
+                                   ViewStatistics& statistics, Reporter& progress);
   std::unique_ptr<State> state_;
 };
 

@@ -13,7 +13,6 @@ namespace slf::storage::internal {
 class RangeSet {
  public:
   void add(FileRange range);
-  void remove(FileRange range);
 
   /// Appends the parts of `range` that are not in the set, ascending.
   void append_missing(FileRange range, std::vector<FileRange>& to) const;

@@ -6,6 +6,7 @@
 #pragma once
 
 #include <condition_variable>
+#include <list>
 #include <memory>
 #include <mutex>
 #include <span>
@@ -45,14 +46,19 @@ class SparseCopy final : public ByteSource {
   [[nodiscard]] Result<void> put(std::uint64_t offset, ByteSpan bytes) const;
 
  private:
+  struct Claim;
+
   explicit SparseCopy(std::shared_ptr<RangeSource> source) : source_(std::move(source)) {}
+  /// Fetches ranges from the source, and checks that these are of the file that was opened.
+  [[nodiscard]] Result<void> load(std::span<const FileRange> ranges) const;
 
   std::shared_ptr<RangeSource> source_;
   int file_ = -1;
   MappedFile map_;
   mutable std::mutex mutex_;
   mutable std::condition_variable fetched_;
-  mutable RangeSet present_, fetching_;
+  mutable RangeSet present_;
+  mutable std::list<RangeSet> fetching_;  ///< one of each thread that fetches
 };
 
 }  // namespace slf::storage::internal
