@@ -38,8 +38,7 @@ SparseCopy::~SparseCopy() {
   if (file_ >= 0) ::close(file_);
 }
 
-Result<void> SparseCopy::put(std::uint64_t offset, ByteSpan bytes) const {
-  const FileRange range{offset, offset + bytes.size()};
+Result<void> SparseCopy::write(std::uint64_t offset, ByteSpan bytes) const {
   while (!bytes.empty()) {
     const ssize_t put = pwrite(file_, bytes.data(), bytes.size(), static_cast<off_t>(offset));
     if (put < 0 && errno == EINTR) continue;
@@ -50,8 +49,13 @@ Result<void> SparseCopy::put(std::uint64_t offset, ByteSpan bytes) const {
     bytes = bytes.subspan(static_cast<std::size_t>(put));
     offset += static_cast<std::uint64_t>(put);
   }
+  return {};
+}
+
+Result<void> SparseCopy::put(std::uint64_t offset, ByteSpan bytes) const {
+  SLF_TRY(write(offset, bytes));
   const std::lock_guard lock(mutex_);
-  present_.add(range);
+  present_.add({offset, offset + bytes.size()});
   return {};
 }
 
@@ -101,17 +105,24 @@ Result<void> SparseCopy::fetch(std::span<const FileRange> ranges) const {
 }
 
 Result<void> SparseCopy::load(std::span<const FileRange> ranges) const {
-  SLF_TRY(source_->fetch(ranges,
-                         [&](std::uint64_t offset, ByteSpan bytes) { return put(offset, bytes); }));
-  if (source_->has_version() || ranges.front().begin == 0) return {};
-  // The meta pages have the transaction; the footer of the index has a checksum of all tables.
-  const std::uint64_t size = source_->size();
-  const FileRange ends[] = {{0, 2 * kPageSize}, {size - kIndexFooter, size}};
-  return source_->fetch(ends, [&](std::uint64_t offset, ByteSpan bytes) -> Result<void> {
-    if (std::ranges::equal(bytes, file().subspan(offset, bytes.size()))) return {};
-    return fail(ErrorCode::bad_file, source_->name(),
-                ": the file has changed on the server since it was opened");
-  });
+  std::vector<FileRange> came;  // they count once they are known to be of the same file
+  SLF_TRY(source_->fetch(ranges, [&](std::uint64_t offset, ByteSpan bytes) {
+    came.push_back({offset, offset + bytes.size()});
+    return write(offset, bytes);
+  }));
+  if (!source_->has_version() && ranges.front().begin > 0) {
+    // The meta pages have the transaction; the footer of the index has a checksum of all tables.
+    const std::uint64_t size = source_->size();
+    const FileRange ends[] = {{0, 2 * kPageSize}, {size - kIndexFooter, size}};
+    SLF_TRY(source_->fetch(ends, [&](std::uint64_t offset, ByteSpan bytes) -> Result<void> {
+      if (std::ranges::equal(bytes, file().subspan(offset, bytes.size()))) return {};
+      return fail(ErrorCode::bad_file, source_->name(),
+                  ": the file has changed on the server since it was opened");
+    }));
+  }
+  const std::lock_guard lock(mutex_);
+  for (const FileRange& range : came) present_.add(range);
+  return {};
 }
 
 Result<void> SparseCopy::fetch(ByteSpan part) const {

@@ -283,6 +283,7 @@ Result<void> HttpSource::run(std::vector<Transfer>& transfers, const Sink& sink)
     int active = 0;
     if (curl.multi_perform(connections.multi, &active) != CURLM_OK) return no_memory();
     int left = 0;
+    bool ended = false;  // then others may begin at once
     while (const CURLMsg* message = curl.multi_info_read(connections.multi, &left)) {
       if (message->msg != CURLMSG_DONE) continue;
       char* owner = nullptr;
@@ -290,6 +291,7 @@ Result<void> HttpSource::run(std::vector<Transfer>& transfers, const Sink& sink)
       auto& transfer = *reinterpret_cast<Transfer*>(owner);
       const bool done = SLF_TRY(evaluate(transfer, message->data.result));
       connections.stop(transfer);
+      ended = true;
       if (done) {
         SLF_TRY(sink(transfer.range.begin, transfer.body));
         transfer.body = {};
@@ -298,7 +300,7 @@ Result<void> HttpSource::run(std::vector<Transfer>& transfers, const Sink& sink)
         waiting.push_back(&transfer);
       }
     }
-    if (waiting.empty() && connections.running.empty()) break;
+    if (ended) continue;
     const auto pause = std::chrono::duration_cast<std::chrono::milliseconds>(next_due - now);
     curl.multi_poll(connections.multi, nullptr, 0,
                     static_cast<int>(std::max<long long>(1, pause.count())), nullptr);

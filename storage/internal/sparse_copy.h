@@ -49,6 +49,7 @@ class SparseCopy final : public ByteSource {
   struct Claim;
 
   explicit SparseCopy(std::shared_ptr<RangeSource> source) : source_(std::move(source)) {}
+  [[nodiscard]] Result<void> write(std::uint64_t offset, ByteSpan bytes) const;
   /// Fetches ranges from the source, and checks that these are of the file that was opened.
   [[nodiscard]] Result<void> load(std::span<const FileRange> ranges) const;
 
