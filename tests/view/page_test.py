@@ -11,6 +11,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 import unittest
 
 sys.dont_write_bytecode = True
@@ -20,6 +21,7 @@ from host import Handler, Host
 from nginx import Nginx
 
 SLF, DECODED, WORK = sys.argv[1:4]
+WORK = os.path.abspath(WORK)
 VIEWS = [(30, 20, 3), (200, -35, 3), (110, 85, 2.2), (300, 5, 1.4), (75, 0, 6)]
 MIN_PSNR = {"bitri": 45.0, "depth": 42.0}  # dB
 # Software graphics take a second for a picture of 512². Half of that shows the same mistakes;
@@ -400,6 +402,36 @@ class PageTest(unittest.TestCase):
                 else:
                     self.assertIn("has changed on its host", outcomes[-1])
             self.assertGreater(len([said for said in outcomes if said]), 1)
+
+    def test_ctrl_c_leaves_the_browser_that_it_opened(self):
+        log, stop = path("opened.txt"), path("opened.stop")
+        for name in [log, stop]:
+            if os.path.exists(name):
+                os.remove(name)
+        os.makedirs(path("bin"), exist_ok=True)
+        with open(path("bin/xdg-open"), "w") as file:
+            file.write(f"#!/bin/sh\ntrap 'echo interrupted >>{log}' INT\necho $1 >>{log}\n"
+                       f"while [ ! -e {stop} ]; do sleep 0.1; done\necho ended >>{log}\n")
+        os.chmod(path("bin/xdg-open"), 0o755)
+
+        def said(what):
+            deadline = time.monotonic() + 20
+            while time.monotonic() < deadline:
+                if os.path.exists(log) and what in open(log).read():
+                    return open(log).read()
+                time.sleep(0.05)
+            self.fail(f"xdg-open did not say {what}")
+
+        view = subprocess.Popen([SLF, "-q", "view", "--open", self.fields[0]], text=True,
+                                env=os.environ | {"PATH": f"{path('bin')}:{os.environ['PATH']}"},
+                                stdout=subprocess.PIPE, start_new_session=True)
+        said(view.stdout.readline().strip())
+        os.killpg(view.pid, signal.SIGINT)  # as a terminal does
+        view.wait(20)
+        view.stdout.close()
+        time.sleep(0.5)
+        open(stop, "w").close()
+        self.assertNotIn("interrupted", said("ended"))
 
     def test_a_wait_for_the_gpu_that_fails_ends(self):
         with Server(self.fields[0]) as server:
