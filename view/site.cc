@@ -35,8 +35,8 @@ constexpr std::string_view kStyleFile = "style.css", kScriptFile = "page.js",
 /// beside the page are not where their names lead. A path that begins with // would be a host.
 constexpr std::string_view kSlashScript = R"(<script>
 if (/\/[^./]+$/.test(location.pathname))
-  document.head.append(Object.assign(document.createElement('base'),
-                                     {href: location.href.split(/[?#]/)[0] + '/' + location.search}));
+  document.head.append(Object.assign(document.createElement('base'), {
+    href: location.href.split(/[?#]/)[0] + '/' + location.search}));
 </script>
 )";
 
