@@ -19,7 +19,7 @@ namespace slf::cli {
 namespace {
 
 struct ViewArguments {
-  std::vector<std::string> fields;
+  std::vector<std::string> fields, frames;
   std::uint16_t port = 0;
   std::string bind;
   bool open = false, json = false;
@@ -30,6 +30,7 @@ struct ViewArguments {
 void open_browser(const std::string& url) {
   const pid_t child = fork();
   if (child != 0) return;
+  setsid();  // Ctrl-C is not for the browser
   execlp("xdg-open", "xdg-open", url.c_str(), static_cast<char*>(nullptr));
   _exit(127);
 }
@@ -38,6 +39,7 @@ Result<void> run_view(const ViewArguments& arguments) {
   if (view::page_files().empty()) return fail(ErrorCode::unsupported, view::no_page());
   view::ServerOptions options;
   options.port = arguments.port;
+  options.frames = arguments.frames;
   if (!arguments.bind.empty()) {
     options.address = arguments.bind;
     options.any_host = true;
@@ -122,6 +124,13 @@ void add_view(CLI::App& app, Run& run) {
       "--bind", a->bind,
       "Listen on this address, for other machines too, and answer to any host name\n"
       "(default: 127.0.0.1, for this machine only)");
+  command
+      ->add_option("--allow-frames", a->frames,
+                   "Let pages of these origins show the page in frames; those of this machine may\n"
+                   "(repeatable)")
+      ->type_name("ORIGIN")
+      ->expected(1)
+      ->take_all();
   command->add_flag("--open", a->open, "Open the page in the desktop's browser");
   command->add_flag("--json", a->json, "JSON on stdout");
   command->callback([a, &run] { run = [a] { return run_view(*a); }; });

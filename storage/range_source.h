@@ -22,6 +22,8 @@ class RangeSource {
   [[nodiscard]] virtual const std::string& name() const = 0;
   /// The length of the file in bytes.
   [[nodiscard]] virtual std::uint64_t size() const = 0;
+  /// Whether fetch() notices any change of the file, by what its server says of each answer.
+  [[nodiscard]] virtual bool has_version() const { return true; }
 
   /// Receives fetched bytes, on the thread that called fetch(). An error that it returns ends the
   /// fetch.

@@ -10,6 +10,8 @@
 #include "base/file.h"
 #include "base/guarded.h"
 #include "base/try.h"
+#include "storage/internal/file_index.h"
+#include "storage/internal/pages.h"
 
 namespace slf::storage::internal {
 namespace {
@@ -37,8 +39,7 @@ SparseCopy::~SparseCopy() {
   if (file_ >= 0) ::close(file_);
 }
 
-Result<void> SparseCopy::put(std::uint64_t offset, ByteSpan bytes) const {
-  const FileRange range{offset, offset + bytes.size()};
+Result<void> SparseCopy::write(std::uint64_t offset, ByteSpan bytes) const {
   while (!bytes.empty()) {
     const ssize_t put = pwrite(file_, bytes.data(), bytes.size(), static_cast<off_t>(offset));
     if (put < 0 && errno == EINTR) continue;
@@ -49,51 +50,80 @@ Result<void> SparseCopy::put(std::uint64_t offset, ByteSpan bytes) const {
     bytes = bytes.subspan(static_cast<std::size_t>(put));
     offset += static_cast<std::uint64_t>(put);
   }
-  const std::lock_guard lock(mutex_);
-  present_.add(range);
   return {};
 }
 
+Result<void> SparseCopy::put(std::uint64_t offset, ByteSpan bytes) const {
+  SLF_TRY(write(offset, bytes));
+  const std::lock_guard lock(mutex_);
+  present_.add({offset, offset + bytes.size()});
+  return {};
+}
+
+/// The ranges that a thread is fetching. Their release allocates nothing.
+struct SparseCopy::Claim {
+  const SparseCopy& copy;
+  std::list<RangeSet>::iterator at;
+
+  ~Claim() {
+    {
+      const std::lock_guard lock(copy.mutex_);
+      copy.fetching_.erase(at);
+    }
+    copy.fetched_.notify_all();
+  }
+};
+
 Result<void> SparseCopy::fetch(std::span<const FileRange> ranges) const {
   while (true) {
-    std::vector<FileRange> ours;
-    std::list<RangeSet> mine(1);
-    const auto place = mine.begin();
-    {
-      std::unique_lock lock(mutex_);
-      std::vector<FileRange> absent;
-      for (const FileRange& range : ranges) present_.append_missing(range, absent);
-      if (absent.empty()) return {};
-      ours = absent;
-      for (const RangeSet& theirs : fetching_) {
-        std::vector<FileRange> left;
-        for (const FileRange& range : ours) theirs.append_missing(range, left);
-        ours = std::move(left);
-      }
-      if (ours.empty()) {
-        const auto is_fetched = [&](const FileRange& range) {
-          return std::ranges::any_of(
-              fetching_, [&](const RangeSet& theirs) { return theirs.intersects(range); });
-        };
-        fetched_.wait(lock, [&] { return std::ranges::none_of(absent, is_fetched); });
-        continue;  // check again: the other thread may have failed
-      }
-      const std::size_t max_requests = kBaseRequests + ours.size() / kRangesPerRequest;
-      ours = merged(std::move(ours), kGap, max_requests, kMaxGap);
-      for (const FileRange& range : ours) place->add(range);
-      fetching_.splice(fetching_.end(), mine);
+    std::unique_lock lock(mutex_);
+    std::vector<FileRange> absent;
+    for (const FileRange& range : ranges) present_.append_missing(range, absent);
+    if (absent.empty()) return {};
+    std::vector<FileRange> ours = absent;
+    for (const RangeSet& others : fetching_) {
+      std::vector<FileRange> rest;
+      for (const FileRange& range : ours) others.append_missing(range, rest);
+      ours = std::move(rest);
     }
-    auto fetched = guarded([&] {
-      return source_->fetch(
-          ours, [&](std::uint64_t offset, ByteSpan bytes) { return put(offset, bytes); });
-    });
-    {
-      const std::lock_guard lock(mutex_);
-      fetching_.erase(place);
+    if (ours.empty()) {
+      fetched_.wait(lock, [&] {
+        return std::none_of(fetching_.begin(), fetching_.end(), [&](const RangeSet& others) {
+          return std::any_of(absent.begin(), absent.end(),
+                             [&](const FileRange& range) { return others.intersects(range); });
+        });
+      });
+      continue;  // check again: the other thread may have failed
     }
-    fetched_.notify_all();
-    if (!fetched) return fetched;
+    const std::size_t max_requests = kBaseRequests + ours.size() / kRangesPerRequest;
+    ours = merged(std::move(ours), kGap, max_requests, kMaxGap);
+    RangeSet claimed;
+    for (const FileRange& range : ours) claimed.add(range);
+    const Claim claim{*this, fetching_.insert(fetching_.end(), std::move(claimed))};
+    lock.unlock();
+    SLF_TRY(guarded([&] { return load(ours); }));
   }
+}
+
+Result<void> SparseCopy::load(std::span<const FileRange> ranges) const {
+  std::vector<FileRange> came;  // they count once they are known to be of the same file
+  SLF_TRY(source_->fetch(ranges, [&](std::uint64_t offset, ByteSpan bytes) {
+    came.push_back({offset, offset + bytes.size()});
+    return write(offset, bytes);
+  }));
+  if (!source_->has_version() && ranges.front().begin > 0) {
+    // The meta pages have the transaction; the footer of the index has a checksum of all tables.
+    const std::uint64_t size = source_->size();
+    const FileRange ends[] = {{0, 2 * kPageSize}, {size - kIndexFooter, size}};
+    SLF_TRY(source_->fetch(ends, [&](std::uint64_t offset, ByteSpan bytes) -> Result<void> {
+      if (std::ranges::equal(bytes, file().subspan(offset, bytes.size()))) return {};
+      return fail(ErrorCode::bad_file, source_->name(),
+                  ": the file has changed on the server since it was opened");
+    }));
+  }
+  const std::lock_guard lock(mutex_);
+  for (const FileRange& range : came) present_.add(range);
+  return {};
 }
 
 Result<void> SparseCopy::fetch(ByteSpan part) const {

@@ -24,17 +24,18 @@ struct ServerOptions {
   /// and [::1], with any port, so that a web site whose name resolves to this machine cannot read
   /// fields.
   bool any_host = false;
+  /// Origins whose pages may show those of the server in frames, such as "https://example.org",
+  /// beside those of this machine: notebooks at localhost, 127.0.0.1 and [::1].
+  std::vector<std::string> frames{};
 };
 
 /// Answers GET and HEAD, with ranges, entity tags and conditional requests. Requests are untrusted.
-/// At most kMaxConnections connections are served at once; others wait in the kernel's queue. A
-/// field that is replaced while it is served changes its entity tag.
+/// A field that is replaced while it is served changes its entity tag.
 class Server {
  public:
-  static constexpr unsigned kMaxConnections = 32;
-
   /// Opens the fields and binds the address. io: a field cannot be read, or the address is taken.
-  /// bad_file, unsupported: a file is no field. usage: no field is given.
+  /// bad_file, unsupported: a file is no field. usage: no field is given, or `frames` has no
+  /// origin.
   [[nodiscard]] static Result<Server> make(std::span<const std::string> fields,
                                            const ServerOptions& options);
   Server(Server&&) noexcept;

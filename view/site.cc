@@ -30,11 +30,11 @@ constexpr std::string_view kIndexFile = "index.html", kStyleFile = "style.css",
                            kFieldFile = "field.slf";
 
 /// Some hosts send the page of a folder without the slash at the end of its address. Then the files
-/// beside the page are not where their names lead.
+/// beside the page are not where their names lead. A path that begins with // would be a host.
 constexpr std::string_view kSlashScript = R"(<script>
 if (/\/[^./]+$/.test(location.pathname))
-  document.head.append(Object.assign(document.createElement('base'),
-                                     {href: location.pathname + '/' + location.search}));
+  document.head.append(Object.assign(document.createElement('base'), {
+    href: location.href.split(/[?#]/)[0] + '/' + location.search}));
 </script>
 )";
 

@@ -6,10 +6,13 @@
 #include <cmath>
 #include <cstring>
 #include <deque>
+#include <memory>
 #include <optional>
 #include <thread>
 #include <utility>
 
+#include "base/guarded.h"
+#include "base/try.h"
 #include "field/remote/curl_library.h"
 
 namespace slf {
@@ -52,18 +55,17 @@ bool take(std::string_view& text, char c) {
 }
 
 /// An address as servers expect it: characters that it must not have are escaped. If it is
-/// malformed, unchanged; the request then reports it.
+/// malformed, unchanged; the request then reports it. Empty if libcurl has no memory.
 std::string escaped(const std::string& url) {
-  CURLU* const parts = curl.url();
+  const std::unique_ptr<CURLU, decltype(curl.url_cleanup)> parts(curl.url(), curl.url_cleanup);
+  if (parts == nullptr) return "";
   char* text = nullptr;
-  std::string result = url;
-  if (curl.url_set(parts, CURLUPART_URL, url.c_str(), CURLU_URLENCODE | CURLU_ALLOW_SPACE) ==
-          CURLUE_OK &&
-      curl.url_get(parts, CURLUPART_URL, &text, 0) == CURLUE_OK)
-    result = text;
-  curl.free(text);
-  curl.url_cleanup(parts);
-  return result;
+  if (curl.url_set(parts.get(), CURLUPART_URL, url.c_str(), CURLU_URLENCODE | CURLU_ALLOW_SPACE) !=
+          CURLUE_OK ||
+      curl.url_get(parts.get(), CURLUPART_URL, &text, 0) != CURLUE_OK)
+    return url;
+  const std::unique_ptr<char, decltype(curl.free)> owner(text, curl.free);
+  return text;
 }
 
 /// The header Content-Range: "bytes 0-99/1234".
@@ -86,46 +88,6 @@ std::optional<ContentRange> parse_content_range(std::string_view text) {
 
 }  // namespace
 
-/// curl handles that keep their connections between uses. Thread-safety: one thread at a time.
-class HttpSource::Connections {
- public:
-  Connections() : multi(curl.multi_init()) {}
-  Connections(const Connections&) = delete;
-  Connections& operator=(const Connections&) = delete;
-  ~Connections() {
-    for (CURL* easy : free) curl.easy_cleanup(easy);
-    curl.multi_cleanup(multi);
-  }
-
-  CURLM* multi;
-  std::vector<CURL*> free;
-};
-
-/// Exclusive use of Connections, which the destructor returns.
-class HttpSource::ConnectionLease {
- public:
-  explicit ConnectionLease(HttpSource& source) : source_(source) {
-    const std::lock_guard lock(source_.mutex_);
-    if (source_.idle_.empty()) {
-      connections_ = std::make_unique<Connections>();
-    } else {
-      connections_ = std::move(source_.idle_.back());
-      source_.idle_.pop_back();
-    }
-  }
-  ConnectionLease(const ConnectionLease&) = delete;
-  ConnectionLease& operator=(const ConnectionLease&) = delete;
-  ~ConnectionLease() {
-    const std::lock_guard lock(source_.mutex_);
-    source_.idle_.push_back(std::move(connections_));
-  }
-  [[nodiscard]] Connections& connections() { return *connections_; }
-
- private:
-  HttpSource& source_;
-  std::unique_ptr<Connections> connections_;
-};
-
 /// One range that is being fetched, or the whole file, of at most the length of the range.
 struct HttpSource::Transfer {
   FileRange range;
@@ -138,9 +100,10 @@ struct HttpSource::Transfer {
   curl_slist* headers = nullptr;
   Bytes body;
   std::string tag, date, content_range;
-  double retry_after = 0;  ///< seconds
-  bool oversized = false;  ///< the answer has more bytes than requested
-  bool stopped = false;    ///< by `progress`
+  double retry_after = 0;      ///< seconds
+  bool oversized = false;      ///< the answer has more bytes than requested
+  bool stopped = false;        ///< by `progress`
+  std::optional<Error> error;  ///< of memory, or of `progress`
 
   /// The status of the answer; 0 if there is none.
   [[nodiscard]] long status() const {
@@ -154,13 +117,74 @@ struct HttpSource::Transfer {
     curl.easy_getinfo(easy, CURLINFO_CONTENT_LENGTH_DOWNLOAD_T, &length);
     return length < 0 ? kUnknown : static_cast<std::uint64_t>(length);
   }
-  /// Takes a piece of the body. Returns false to end the transfer.
-  bool take_body(ByteSpan bytes);
+  /// Takes a piece of the body, or a line of the header. Returns false to end the transfer.
+  bool take_body(std::string_view piece);
+  bool take_header(std::string_view line);
+
+  /// take_body() or take_header() for libcurl: no exception may pass its frames.
+  template <auto take>
+  static std::size_t write(char* data, std::size_t, std::size_t count, void* to) {
+    auto& self = *static_cast<Transfer*>(to);
+    auto taken = guarded([&]() -> Result<bool> { return (self.*take)({data, count}); });
+    if (!taken) self.error = std::move(taken.error());
+    return taken && *taken ? count : 0;
+  }
 };
 
-bool HttpSource::Transfer::take_body(ByteSpan bytes) {
+/// curl handles that keep their connections between uses. Thread-safety: one thread at a time.
+class HttpSource::Connections {
+ public:
+  explicit Connections(std::size_t parallel) {
+    free.reserve(parallel);
+    running.reserve(parallel);
+  }
+  Connections(const Connections&) = delete;
+  Connections& operator=(const Connections&) = delete;
+  ~Connections() {
+    for (CURL* easy : free) curl.easy_cleanup(easy);
+    curl.multi_cleanup(multi);
+  }
+  /// Ends a transfer that runs. Allocates nothing.
+  void stop(Transfer& transfer) {
+    curl.multi_remove_handle(multi, transfer.easy);
+    free.push_back(std::exchange(transfer.easy, nullptr));
+    curl.slist_free_all(std::exchange(transfer.headers, nullptr));
+    std::erase(running, &transfer);
+  }
+
+  CURLM* multi = nullptr;
+  std::vector<CURL*> free;
+  std::vector<Transfer*> running;
+};
+
+/// Exclusive use of Connections. The destructor ends their transfers and returns them.
+class HttpSource::ConnectionLease {
+ public:
+  ConnectionLease(HttpSource& source, std::size_t parallel) : source_(source) {
+    {
+      const std::lock_guard lock(source_.mutex_);
+      if (!source_.idle_.empty()) ours_.splice(ours_.end(), source_.idle_, source_.idle_.begin());
+    }
+    if (ours_.empty()) ours_.emplace_back(parallel);
+  }
+  ConnectionLease(const ConnectionLease&) = delete;
+  ConnectionLease& operator=(const ConnectionLease&) = delete;
+  ~ConnectionLease() {
+    while (!connections().running.empty()) connections().stop(*connections().running.back());
+    const std::lock_guard lock(source_.mutex_);
+    source_.idle_.splice(source_.idle_.end(), ours_);
+  }
+  [[nodiscard]] Connections& connections() { return ours_.front(); }
+
+ private:
+  HttpSource& source_;
+  std::list<Connections> ours_;
+};
+
+bool HttpSource::Transfer::take_body(std::string_view piece) {
   // Nothing reads the text of an error, which may be endless.
   if (status() != (whole ? 200 : 206)) return false;
+  const ByteSpan bytes = std::as_bytes(std::span(piece));
   oversized = bytes.size() > range.end - range.begin - body.size();
   if (oversized) return false;
   body.insert(body.end(), bytes.begin(), bytes.end());
@@ -169,6 +193,23 @@ bool HttpSource::Transfer::take_body(ByteSpan bytes) {
     stopped = !progress({.done = body.size(), .total = length == kUnknown ? body.size() : length});
   }
   return !stopped;
+}
+
+bool HttpSource::Transfer::take_header(std::string_view line) {
+  if (line.starts_with("HTTP/")) {  // the next answer in a chain of redirections
+    tag.clear(), date.clear(), content_range.clear();
+    return true;
+  }
+  const std::size_t colon = line.find(':');
+  if (colon == std::string_view::npos) return true;
+  const std::string_view name = line.substr(0, colon), value = trimmed(line.substr(colon + 1));
+  if (same_letters(name, "etag")) tag = value;
+  if (same_letters(name, "last-modified")) date = value;
+  if (same_letters(name, "content-range")) content_range = value;
+  if (std::uint64_t seconds = 0; same_letters(name, "retry-after"))
+    if (std::string_view rest = value; take_number(rest, seconds) && rest.empty())
+      retry_after = static_cast<double>(seconds);
+  return true;
 }
 
 HttpSource::HttpSource(std::string url, const RemoteOptions& options)
@@ -181,6 +222,7 @@ Result<std::shared_ptr<HttpSource>> HttpSource::open(const std::string& url,
   if (const auto ready = load_curl(); !ready)
     return fail(ready.error().code, url, ": ", ready.error().message);
   std::shared_ptr<HttpSource> source(new HttpSource(url, options));
+  if (source->escaped_.empty()) return source->no_memory();
   std::vector<Transfer> first(1);
   first[0].range = {0, 1};
   auto ok = source->run(first, [](std::uint64_t, ByteSpan) { return Result<void>(); });
@@ -212,25 +254,23 @@ Result<void> HttpSource::fetch(std::span<const FileRange> ranges, const Sink& si
   return run(transfers, sink);
 }
 
+tl::unexpected<Error> HttpSource::no_memory() const {
+  return fail(ErrorCode::failed, url_, ": libcurl has no memory for another transfer");
+}
+
 // Runs transfers until all are complete, or one has failed at its last attempt.
 Result<void> HttpSource::run(std::vector<Transfer>& transfers, const Sink& sink) {
-  ConnectionLease lease(*this);
+  const std::size_t parallel = std::max(1u, options_.parallel);
+  ConnectionLease lease(*this, parallel);
   Connections& connections = lease.connections();
+  if (!connections.multi) connections.multi = curl.multi_init();
+  if (!connections.multi) return no_memory();
   std::deque<Transfer*> waiting;
   for (Transfer& transfer : transfers) waiting.push_back(&transfer);
-  std::vector<Transfer*> running;
-  const auto stop = [&](Transfer* transfer) {
-    curl.multi_remove_handle(connections.multi, transfer->easy);
-    connections.free.push_back(std::exchange(transfer->easy, nullptr));
-    curl.slist_free_all(std::exchange(transfer->headers, nullptr));
-    std::erase(running, transfer);
-  };
-  Result<void> result;
-  while (result && !(waiting.empty() && running.empty())) {
+  while (!(waiting.empty() && connections.running.empty())) {
     const auto now = Clock::now();
     auto next_due = now + std::chrono::seconds(1);
-    for (std::size_t k = waiting.size(); k > 0 && running.size() < std::max(1u, options_.parallel);
-         --k) {
+    for (std::size_t k = waiting.size(); k > 0 && connections.running.size() < parallel; --k) {
       Transfer* const transfer = waiting.front();
       waiting.pop_front();
       if (transfer->due > now) {
@@ -238,38 +278,34 @@ Result<void> HttpSource::run(std::vector<Transfer>& transfers, const Sink& sink)
         waiting.push_back(transfer);
         continue;
       }
-      result = start(*transfer, connections);
-      if (!result) break;
-      running.push_back(transfer);
+      SLF_TRY(start(*transfer, connections));
     }
-    if (!result) break;
     int active = 0;
-    curl.multi_perform(connections.multi, &active);
+    if (curl.multi_perform(connections.multi, &active) != CURLM_OK) return no_memory();
     int left = 0;
+    bool ended = false;  // then others may begin at once
     while (const CURLMsg* message = curl.multi_info_read(connections.multi, &left)) {
-      if (message->msg != CURLMSG_DONE || !result) continue;
+      if (message->msg != CURLMSG_DONE) continue;
       char* owner = nullptr;
       curl.easy_getinfo(message->easy_handle, CURLINFO_PRIVATE, &owner);
-      auto* const transfer = reinterpret_cast<Transfer*>(owner);
-      const auto done = evaluate(*transfer, message->data.result);
-      stop(transfer);
-      if (!done) {
-        result = tl::unexpected(done.error());
-      } else if (*done) {
-        result = sink(transfer->range.begin, transfer->body);
-        transfer->body = {};
+      auto& transfer = *reinterpret_cast<Transfer*>(owner);
+      const bool done = SLF_TRY(evaluate(transfer, message->data.result));
+      connections.stop(transfer);
+      ended = true;
+      if (done) {
+        SLF_TRY(sink(transfer.range.begin, transfer.body));
+        transfer.body = {};
       } else {
         ++repeated_;
-        waiting.push_back(transfer);
+        waiting.push_back(&transfer);
       }
     }
-    if (!result || (waiting.empty() && running.empty())) break;
+    if (ended) continue;
     const auto pause = std::chrono::duration_cast<std::chrono::milliseconds>(next_due - now);
     curl.multi_poll(connections.multi, nullptr, 0,
                     static_cast<int>(std::max<long long>(1, pause.count())), nullptr);
   }
-  while (!running.empty()) stop(running.back());
-  return result;
+  return {};
 }
 
 Result<void> HttpSource::start(Transfer& transfer, Connections& connections) {
@@ -279,6 +315,7 @@ Result<void> HttpSource::start(Transfer& transfer, Connections& connections) {
   transfer.tag.clear(), transfer.date.clear(), transfer.content_range.clear();
   transfer.retry_after = 0;
   transfer.oversized = transfer.stopped = false;
+  transfer.error.reset();
   CURL* easy = nullptr;
   if (connections.free.empty()) {
     easy = curl.easy_init();
@@ -287,68 +324,50 @@ Result<void> HttpSource::start(Transfer& transfer, Connections& connections) {
     connections.free.pop_back();
     curl.easy_reset(easy);
   }
-  if (!easy) return fail(ErrorCode::failed, url_, ": libcurl has no memory for another transfer");
+  if (!easy) return no_memory();
   transfer.easy = easy;
+  connections.running.push_back(&transfer);
+  bool fine = true;
+  const auto set = [&](CURLoption option, auto value) {
+    if (curl.easy_setopt(easy, option, value) != CURLE_OK) fine = false;
+  };
   const std::string range =
       std::to_string(transfer.range.begin) + "-" + std::to_string(transfer.range.end - 1);
   const long stall_timeout = std::max(1L, static_cast<long>(options_.stall_timeout * 1000));
-  curl.easy_setopt(easy, CURLOPT_URL, escaped_.c_str());
-  if (!transfer.whole) curl.easy_setopt(easy, CURLOPT_RANGE, range.c_str());
-  curl.easy_setopt(easy, CURLOPT_PRIVATE, &transfer);
-  curl.easy_setopt(easy, CURLOPT_NOSIGNAL, 1L);
-  curl.easy_setopt(easy, CURLOPT_USERAGENT, "slf");
-  curl.easy_setopt(easy, CURLOPT_FOLLOWLOCATION, 1L);
-  curl.easy_setopt(easy, CURLOPT_MAXREDIRS, kRedirects);
-  curl.easy_setopt(easy, CURLOPT_PROTOCOLS_STR, "http,https");
-  curl.easy_setopt(easy, CURLOPT_REDIR_PROTOCOLS_STR, "http,https");
-  curl.easy_setopt(easy, CURLOPT_CONNECTTIMEOUT_MS, stall_timeout);
+  set(CURLOPT_URL, escaped_.c_str());
+  if (!transfer.whole) set(CURLOPT_RANGE, range.c_str());
+  set(CURLOPT_PRIVATE, &transfer);
+  set(CURLOPT_NOSIGNAL, 1L);
+  set(CURLOPT_USERAGENT, "slf");
+  set(CURLOPT_FOLLOWLOCATION, 1L);
+  set(CURLOPT_MAXREDIRS, kRedirects);
+  set(CURLOPT_PROTOCOLS_STR, "http,https");
+  set(CURLOPT_REDIR_PROTOCOLS_STR, "http,https");
+  set(CURLOPT_CONNECTTIMEOUT_MS, stall_timeout);
   // A transfer that is slower than kMinBytesPerSecond for `stall_timeout` (in whole seconds) has
   // stalled. The last limit is for a server that sends headers forever.
-  curl.easy_setopt(easy, CURLOPT_LOW_SPEED_LIMIT, kMinBytesPerSecond);
-  curl.easy_setopt(easy, CURLOPT_LOW_SPEED_TIME, std::max(1L, stall_timeout / 1000));
+  set(CURLOPT_LOW_SPEED_LIMIT, kMinBytesPerSecond);
+  set(CURLOPT_LOW_SPEED_TIME, std::max(1L, stall_timeout / 1000));
   const auto bytes = static_cast<long>(transfer.range.end - transfer.range.begin);
-  curl.easy_setopt(easy, CURLOPT_TIMEOUT_MS,
-                   2 * stall_timeout + 1000 * (bytes / kMinBytesPerSecond));
+  set(CURLOPT_TIMEOUT_MS, 2 * stall_timeout + 1000 * (bytes / kMinBytesPerSecond));
   if (validator_.starts_with('"')) {  // a strong ETag
     transfer.headers = curl.slist_append(nullptr, ("If-Match: " + validator_).c_str());
-    curl.easy_setopt(easy, CURLOPT_HTTPHEADER, transfer.headers);
+    set(CURLOPT_HTTPHEADER, transfer.headers);
   }
-  using Write = std::size_t (*)(char*, std::size_t, std::size_t, void*);
-  const Write write = [](char* data, std::size_t, std::size_t count, void* to) -> std::size_t {
-    return static_cast<Transfer*>(to)->take_body(std::as_bytes(std::span(data, count))) ? count : 0;
-  };
-  curl.easy_setopt(easy, CURLOPT_WRITEFUNCTION, write);
-  curl.easy_setopt(easy, CURLOPT_WRITEDATA, &transfer);
+  set(CURLOPT_WRITEFUNCTION, &Transfer::write<&Transfer::take_body>);
+  set(CURLOPT_WRITEDATA, &transfer);
   // curl itself reads, and drops, the body of a redirection.
   using Count = int (*)(void*, curl_off_t, curl_off_t, curl_off_t, curl_off_t);
   const Count too_much = [](void* to, curl_off_t, curl_off_t got, curl_off_t, curl_off_t) {
     const FileRange asked = static_cast<Transfer*>(to)->range;
     return static_cast<std::uint64_t>(got) > asked.end - asked.begin + kMaxIgnored ? 1 : 0;
   };
-  curl.easy_setopt(easy, CURLOPT_NOPROGRESS, 0L);
-  curl.easy_setopt(easy, CURLOPT_XFERINFOFUNCTION, too_much);
-  curl.easy_setopt(easy, CURLOPT_XFERINFODATA, &transfer);
-  const Write header = [](char* data, std::size_t, std::size_t count, void* to) -> std::size_t {
-    auto& t = *static_cast<Transfer*>(to);
-    const std::string_view line(data, count);
-    if (line.starts_with("HTTP/")) {  // the next answer in a chain of redirections
-      t.tag.clear(), t.date.clear(), t.content_range.clear();
-      return count;
-    }
-    const std::size_t colon = line.find(':');
-    if (colon == std::string_view::npos) return count;
-    const std::string_view name = line.substr(0, colon), value = trimmed(line.substr(colon + 1));
-    if (same_letters(name, "etag")) t.tag = value;
-    if (same_letters(name, "last-modified")) t.date = value;
-    if (same_letters(name, "content-range")) t.content_range = value;
-    if (std::uint64_t seconds = 0; same_letters(name, "retry-after"))
-      if (std::string_view rest = value; take_number(rest, seconds) && rest.empty())
-        t.retry_after = static_cast<double>(seconds);
-    return count;
-  };
-  curl.easy_setopt(easy, CURLOPT_HEADERFUNCTION, header);
-  curl.easy_setopt(easy, CURLOPT_HEADERDATA, &transfer);
-  curl.multi_add_handle(connections.multi, easy);
+  set(CURLOPT_NOPROGRESS, 0L);
+  set(CURLOPT_XFERINFOFUNCTION, too_much);
+  set(CURLOPT_XFERINFODATA, &transfer);
+  set(CURLOPT_HEADERFUNCTION, &Transfer::write<&Transfer::take_header>);
+  set(CURLOPT_HEADERDATA, &transfer);
+  if (!fine || curl.multi_add_handle(connections.multi, easy) != CURLM_OK) return no_memory();
   return {};
 }
 
@@ -378,6 +397,7 @@ Result<bool> HttpSource::evaluate(Transfer& t, int code) {
 
   const long status = t.status();
   bytes_ += t.body.size();
+  if (t.error) return failed(t.error->code, t.error->message);
   if (t.stopped) return failed(ErrorCode::cancelled, "stopped while the field was fetched");
   if (t.oversized && t.whole) return too_large("more");
   if (t.oversized || code == CURLE_ABORTED_BY_CALLBACK)

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <atomic>
+#include <list>
 #include <memory>
 #include <mutex>
 #include <string>
@@ -25,6 +26,10 @@ class HttpSource final : public storage::RangeSource {
 
   [[nodiscard]] const std::string& name() const override { return url_; }
   [[nodiscard]] std::uint64_t size() const override { return size_; }
+  /// Dates are of whole seconds, and files that are copied may keep them.
+  [[nodiscard]] bool has_version() const override {
+    return !has_ranges_ || validator_.starts_with('"');
+  }
   [[nodiscard]] Result<void> fetch(std::span<const storage::FileRange> ranges,
                                    const Sink& sink) override;
   [[nodiscard]] RemoteTraffic traffic() const { return {requests_, repeated_, bytes_}; }
@@ -37,6 +42,7 @@ class HttpSource final : public storage::RangeSource {
   HttpSource(std::string url, const RemoteOptions& options);
   [[nodiscard]] Result<void> run(std::vector<Transfer>& transfers, const Sink& sink);
   [[nodiscard]] Result<void> start(Transfer& transfer, Connections& connections);
+  [[nodiscard]] tl::unexpected<Error> no_memory() const;
   /// Judges an answer: true if the transfer is complete, false if it must be repeated, or an error.
   [[nodiscard]] Result<bool> evaluate(Transfer& transfer, int code);
 
@@ -49,7 +55,7 @@ class HttpSource final : public storage::RangeSource {
   Bytes whole_;  ///< the file, until fetch() passes it on
   std::atomic<std::uint64_t> requests_{0}, repeated_{0}, bytes_{0};
   std::mutex mutex_;
-  std::vector<std::unique_ptr<Connections>> idle_;
+  std::list<Connections> idle_;
 };
 
 }  // namespace slf

@@ -312,7 +312,15 @@ Result<void> Renderer::draw(const Camera& camera, const ViewOptions& requested, 
   const BlockOrder blocks(camera.width, camera.height);
   Reporter reporter(progress, {0, blocks.count(), 0},
                     field.path() + ": stopped while a view was drawn");
-  if (field.store().is_remote() && options.wait) SLF_TRY(fetch(camera, options, reporter));
+  if (field.store().is_remote() && options.wait) {
+    ViewStatistics found;
+    SLF_TRY(fetch(camera, options, image, found, reporter));
+    if (found.misses.empty()) {  // the last picture lacks nothing
+      found.decodes = state_->tiles.cache().statistics().decodes - decodes_before;
+      if (statistics) *statistics = std::move(found);
+      return reporter.add(blocks.count());
+    }
+  }
   state_->tiles.cache().reset_peak();
   const auto threads =
       static_cast<unsigned>(std::min<std::size_t>(state_->renderers.size(), blocks.count()));
@@ -357,7 +365,8 @@ std::vector<TileKey> level0_if_small(const FieldFile& field) {
 // Drawing finds the tiles of a view a few at a time, and over a network each few would take a round
 // trip. So this function first draws pictures that do not wait, and loads all tiles that such a
 // picture missed at once. Loaded depths lead to further tiles, hence several rounds.
-Result<void> Renderer::fetch(const Camera& camera, ViewOptions options, Reporter& progress) {
+Result<void> Renderer::fetch(const Camera& camera, ViewOptions options, Image& picture,
+                             ViewStatistics& statistics, Reporter& progress) {
   constexpr int kRounds = 4;
   TileCache& cache = state_->tiles.cache();
   const auto load = [&](std::span<const TileKey> keys) -> Result<void> {
@@ -369,8 +378,6 @@ Result<void> Renderer::fetch(const Camera& camera, ViewOptions options, Reporter
   };
   options.wait = false;
   SLF_TRY(load(level0_if_small(state_->tiles.field().file())));
-  Image picture;
-  ViewStatistics statistics;
   std::set<TileKey> loaded;
   for (int round = 0; round < kRounds; ++round) {
     SLF_TRY(render(camera, options, picture, &statistics));

@@ -116,7 +116,8 @@ class Renderer {
   struct State;
   [[nodiscard]] Result<void> draw(const Camera& camera, const ViewOptions& requested, Image& image,
                                   ViewStatistics* statistics, const ProgressCallback& progress);
-  [[nodiscard]] Result<void> fetch(const Camera& camera, ViewOptions options, Reporter& progress);
+  [[nodiscard]] Result<void> fetch(const Camera& camera, ViewOptions options, Image& picture,
+                                   ViewStatistics& statistics, Reporter& progress);
   std::unique_ptr<State> state_;
 };
 

@@ -1,4 +1,4 @@
-"""How fields show themselves in notebooks: HTML that Notebook, JupyterLab and VS Code display."""
+"""How fields show themselves in notebooks: HTML that notebooks display."""
 
 from __future__ import annotations
 

@@ -46,7 +46,12 @@ class SparseCopy final : public ByteSource {
   [[nodiscard]] Result<void> put(std::uint64_t offset, ByteSpan bytes) const;
 
  private:
+  struct Claim;
+
   explicit SparseCopy(std::shared_ptr<RangeSource> source) : source_(std::move(source)) {}
+  [[nodiscard]] Result<void> write(std::uint64_t offset, ByteSpan bytes) const;
+  /// Fetches ranges from the source, and checks that these are of the file that was opened.
+  [[nodiscard]] Result<void> load(std::span<const FileRange> ranges) const;
 
   std::shared_ptr<RangeSource> source_;
   int file_ = -1;
@@ -54,7 +59,7 @@ class SparseCopy final : public ByteSource {
   mutable std::mutex mutex_;
   mutable std::condition_variable fetched_;
   mutable RangeSet present_;
-  mutable std::list<RangeSet> fetching_;  // of each thread that fetches
+  mutable std::list<RangeSet> fetching_;  ///< one of each thread that fetches
 };
 
 }  // namespace slf::storage::internal

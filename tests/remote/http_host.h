@@ -135,8 +135,7 @@ class HttpHost {
           "\r\n";
     answer += "\r\n";
     const bool part = e.stalls || e.hangs_up;
-    if (!send(peer, answer) || !send(peer, e.body.substr(0, e.body.size() / (part ? 2 : 1))))
-      return false;
+    if (!send(peer, answer + e.body.substr(0, e.body.size() / (part ? 2 : 1)))) return false;
     while (e.endless)
       if (!send(peer, e.body)) return false;
     return !e.hangs_up;

@@ -4,12 +4,17 @@
 #include <gmock/gmock.h>
 
 #include <chrono>
+#include <cmath>
+#include <ctime>
 #include <fstream>
 #include <iterator>
 #include <memory>
+#include <new>
+#include <stdexcept>
 #include <utility>
 
 #include "field/remote/curl_library.h"
+#include "field/remote/http_source.h"
 #include "field/write/field_index.h"
 #include "slf/repack.h"
 #include "slf/verify.h"
@@ -158,6 +163,27 @@ TEST_F(RemoteTest, FetchesNothingTwice) {
   EXPECT_EQ(host.requests(), requests);
 }
 
+TEST_F(RemoteTest, DrawsAWarmViewOnce) {
+  const HttpHost host(content_);
+  const auto remote = RemoteField::open(host.url());
+  ASSERT_TRUE(remote);
+  const auto seconds = [&](const Field& field) {  // of this thread, which draws alone
+    Renderer renderer(field, {.threads = 1});
+    const Camera view = orbit_camera(field.shape().sphere, 30, 20, 3, 512, 512);
+    double best = 1e9;
+    for (int k = 0; k < 8; ++k) {
+      timespec begin = {}, end = {};
+      clock_gettime(CLOCK_THREAD_CPUTIME_ID, &begin);
+      EXPECT_TRUE(renderer.render(view, {RenderMode::depth, 1}));
+      clock_gettime(CLOCK_THREAD_CPUTIME_ID, &end);
+      best = std::min(best, static_cast<double>(end.tv_sec - begin.tv_sec) +
+                                1e-9 * static_cast<double>(end.tv_nsec - begin.tv_nsec));
+    }
+    return best;
+  };
+  EXPECT_LT(seconds(remote->field()), 1.6 * seconds(*Field::open(path())));
+}
+
 TEST_F(RemoteTest, RepacksAndVerifies) {
   const HttpHost host(content_);
   const auto remote = RemoteField::open(host.url());
@@ -274,6 +300,38 @@ TEST_F(RemoteTest, SaysWhatTheHostOfALargeFieldLacks) {
   expect_error(endless, ErrorCode::unsupported, "67108864 is fetched whole");
 }
 
+// libcurl, which calls it, is C.
+TEST_F(RemoteTest, ReportsWhatAProgressCallbackThrows) {
+  const HttpHost host(content_, whole(content_));
+  const auto remote = RemoteField::open(host.url(), kImpatient, [](const Progress&) -> bool {
+    throw std::runtime_error("thrown by a callback");
+  });
+  ASSERT_FALSE(remote);
+  EXPECT_EQ(remote.error().code, ErrorCode::failed);
+  EXPECT_THAT(remote.error().message, HasSubstr("thrown by a callback"));
+}
+
+TEST_F(RemoteTest, FetchesAgainAfterASinkHasThrown) {
+  const HttpHost host(content_);
+  const auto source = HttpSource::open(host.url(), kImpatient, {});
+  ASSERT_TRUE(source);
+  std::vector<storage::FileRange> ranges;
+  for (std::uint64_t at = 0; at + 8000 < content_.size(); at += 40000)
+    ranges.push_back({at, at + 8000});
+  for (int k = 0; k < 5; ++k)
+    EXPECT_THROW(
+        (void)(*source)->fetch(
+            ranges, [](std::uint64_t, ByteSpan) -> Result<void> { throw std::bad_alloc(); }),
+        std::bad_alloc);
+  std::size_t right = 0;
+  ASSERT_TRUE((*source)->fetch(ranges, [&](std::uint64_t offset, ByteSpan bytes) -> Result<void> {
+    const std::string_view text(reinterpret_cast<const char*>(bytes.data()), bytes.size());
+    right += text == std::string_view(content_).substr(offset, 8000);
+    return {};
+  }));
+  EXPECT_EQ(right, ranges.size());
+}
+
 // Nothing needs the text of an error, nor of a redirection.
 TEST_F(RemoteTest, DoesNotReadEndlessErrors) {
   for (const std::int64_t length : {HttpHost::kUnstated, std::int64_t{1} << 40})
@@ -326,6 +384,50 @@ TEST_F(RemoteTest, NoticesThatTheFileChanges) {
   expect_error(HttpHost(content_, fails), ErrorCode::bad_file, "has changed on the server");
 }
 
+// Two fields of equal length, on a host that tells neither ETag nor date, or the same date for
+// both.
+TEST_F(RemoteTest, NoticesThatAFileIsSwappedWhoseVersionNobodyTells) {
+  const auto build = [](const std::string& name, bool inverted) {
+    const testing::FunctionScene scene([&](const glm::dvec3& from, const glm::dvec3& to) {
+      const float v = 0.5f + 0.4f * static_cast<float>(std::sin(9 * from.x + 7 * to.y));
+      return RaySample{glm::vec4(glm::vec3(inverted ? 1 - v : v), 1), 0.5f};
+    });
+    BuildOptions options = testing::lossless_options(4, 8, 1);
+    options.codec = "raw";
+    EXPECT_TRUE(build_field(scene, *folder_ / name, options));
+    EXPECT_TRUE(index_field(*folder_ / name));
+    return content(*folder_ / name);
+  };
+  const std::string mine = build("swap-a.slf", false), other = build("swap-b.slf", true);
+  ASSERT_EQ(mine.size(), other.size());
+  const auto drawn = [](const std::string& name) {
+    const auto field = Field::open(*folder_ / name);
+    return testing::draw(*field, camera(), {RenderMode::depth, 1}).rgba;
+  };
+  for (const char* const date : {"", "Last-Modified: Tue, 01 Jan 2030 00:00:00 GMT\r\n"}) {
+    // From each request on: while the file is opened, and between and within fetches.
+    unsigned last = 100, refused = 0;
+    for (unsigned swapped = 1; swapped < last; ++swapped) {
+      HttpHost* at = nullptr;
+      HttpHost host(mine, [&](Exchange& e) {
+        e.headers = date + at->content_range(e.begin, e.end);
+        if (e.number >= swapped) e.body = other.substr(e.begin, e.end - e.begin);
+      });
+      at = &host;
+      const auto image = draw(host);
+      if (host.requests() <= swapped) last = swapped;
+      if (!image) {
+        EXPECT_EQ(image.error().code, ErrorCode::bad_file) << image.error().message;
+        ++refused;
+      } else {
+        EXPECT_TRUE(image->rgba == drawn(last == swapped ? "swap-a.slf" : "swap-b.slf")) << swapped;
+      }
+    }
+    EXPECT_GT(refused, 5u);
+    EXPECT_LT(last, 100u);
+  }
+}
+
 TEST_F(RemoteTest, NoticesDamage) {
   // Beyond what the index has: payloads only.
   const HttpHost host(content_, [&](Exchange& e) {
@@ -363,12 +465,19 @@ TEST(RemoteField, SaysThatNothingAnswers) {
 TEST(RemoteField, GivesUpWhereLibcurlHasNoMemory) {
   ASSERT_TRUE(load_curl());
   auto& library = const_cast<CurlLibrary&>(curl);
-  const auto init = std::exchange(library.easy_init, []() -> CURL* { return nullptr; });
-  const auto remote = RemoteField::open("http://127.0.0.1:9/a.slf", kImpatient);
-  library.easy_init = init;
-  ASSERT_FALSE(remote);
-  EXPECT_EQ(remote.error().code, ErrorCode::failed);
-  EXPECT_THAT(remote.error().message, HasSubstr("memory"));
+  const auto expect_failure = [&](auto CurlLibrary::*function, auto instead) {
+    const auto before = std::exchange(library.*function, instead);
+    const auto remote = RemoteField::open("http://127.0.0.1:9/a.slf", kImpatient);
+    library.*function = before;
+    ASSERT_FALSE(remote);
+    EXPECT_EQ(remote.error().code, ErrorCode::failed);
+    EXPECT_THAT(remote.error().message, HasSubstr("memory"));
+  };
+  expect_failure(&CurlLibrary::easy_init, []() -> CURL* { return nullptr; });
+  expect_failure(&CurlLibrary::multi_init, []() -> CURLM* { return nullptr; });
+  expect_failure(&CurlLibrary::url, []() -> CURLU* { return nullptr; });
+  expect_failure(&CurlLibrary::multi_add_handle, [](CURLM*, CURL*) { return CURLM_OUT_OF_MEMORY; });
+  expect_failure(&CurlLibrary::multi_perform, [](CURLM*, int*) { return CURLM_OUT_OF_MEMORY; });
 }
 
 TEST(RemoteField, LoadsLibcurlForAddressesOnly) {

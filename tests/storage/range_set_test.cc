@@ -15,8 +15,9 @@ TEST(RangeSet, AgreesWithASetOfBytes) {
   for (int round = 0; round < 200; ++round) {
     RangeSet set;
     std::bitset<kBytes> bytes;
-    for (int step = 0; step < 8; ++step) {
-      const std::uint64_t begin = random() % kBytes, end = begin + random() % (kBytes - begin + 1);
+    for (int step = 0; step < 12; ++step) {
+      const std::uint64_t begin = random() % kBytes,
+                          end = begin + random() % (kBytes - begin + 1) / 4;
       for (std::uint64_t i = begin; i < end; ++i) bytes[i] = true;
       set.add({begin, end});
 

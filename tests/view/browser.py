@@ -20,8 +20,8 @@ class BrowserError(Exception):
 
 
 class Browser:
-    def __init__(self, program=None):
-        program = program or shutil.which("chromium")
+    def __init__(self, *options):
+        program = shutil.which("chromium")
         if not program:
             raise BrowserError("no chromium; scripts/install-packages --for test installs it")
         self.profile = tempfile.mkdtemp(prefix="slf-browser-")
@@ -39,7 +39,7 @@ class Browser:
              "--hide-scrollbars", "--mute-audio", "--no-first-run", "--disable-extensions",
              "--disable-background-networking", "--disable-component-update", "--disable-sync",
              "--disable-dev-shm-usage", "--force-color-profile=srgb",
-             f"--user-data-dir={self.profile}", "about:blank"],
+             *options, f"--user-data-dir={self.profile}", "about:blank"],
             preexec_fn=pipes, close_fds=False, stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         os.close(to_browser)
@@ -90,10 +90,18 @@ class Browser:
                 raise BrowserError(f"{method}: {answer['error'].get('message')}")
             return answer["result"]
 
-    def open(self, url, width, height, scale=1, dark=True):
-        target = self.call("Target.createTarget", url="about:blank")["targetId"]
+    def targets(self, kind="page"):
+        """The addresses of pages, or of frames (kind iframe) of other sites, by their targets."""
+        return {found["targetId"]: found["url"]
+                for found in self.call("Target.getTargets")["targetInfos"]
+                if found["type"] == kind}
+
+    def attach(self, target):
         session = self.call("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
-        page = Page(self, session, target)
+        return Page(self, session, target)
+
+    def open(self, url, width, height, scale=1, dark=True):
+        page = self.attach(self.call("Target.createTarget", url="about:blank")["targetId"])
         page.call("Page.enable")
         page.call("Runtime.enable")
         page.call("Log.enable")

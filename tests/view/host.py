@@ -163,12 +163,13 @@ class Host:
     """
 
     def __init__(self, folder, ranges="many", rate=None, delay=0.0, suffix="yes", status=None,
-                 endless=False, hides_length=False, headers=None, preflight=False):
+                 endless=False, hides_length=False, headers=None, preflight=False,
+                 handler=Handler):
         self.folder, self.ranges, self.link = folder, ranges, Link(rate, delay)
         self.suffix, self.status, self.endless = suffix, status, endless
         self.hides_length, self.headers, self.preflight = hides_length, headers or {}, preflight
         self.log = []  # (file, status, bytes) of each answer
-        self.server = Quiet(("127.0.0.1", 0), functools.partial(Handler, self))
+        self.server = Quiet(("127.0.0.1", 0), functools.partial(handler, self))
         self.thread = threading.Thread(target=self.server.serve_forever, daemon=True)
         self.url = f"http://127.0.0.1:{self.server.server_port}"
 

@@ -11,15 +11,17 @@ import os
 import signal
 import subprocess
 import sys
+import time
 import unittest
 
 sys.dont_write_bytecode = True
 
 from browser import Browser, BrowserError, shutil
-from host import Host
+from host import Handler, Host
 from nginx import Nginx
 
 SLF, DECODED, WORK = sys.argv[1:4]
+WORK = os.path.abspath(WORK)
 VIEWS = [(30, 20, 3), (200, -35, 3), (110, 85, 2.2), (300, 5, 1.4), (75, 0, 6)]
 MIN_PSNR = {"bitri": 45.0, "depth": 42.0}  # dB
 # Software graphics take a second for a picture of 512². Half of that shows the same mistakes;
@@ -338,6 +340,104 @@ class PageTest(unittest.TestCase):
     def test_a_folder_works_without_the_slash_at_its_end(self):
         with Host(os.path.dirname(self.site())) as host:
             self.assertEqual(self.outcome(host.url + "/site"), "")
+
+    def test_a_path_that_begins_with_two_slashes_names_no_host(self):
+        class Literal(Handler):  # as hosts that do not merge slashes
+            def translate_path(self, name):
+                return self.host.folder if name.endswith("/site") else super().translate_path(
+                    "/" + name.rsplit("/", 1)[1])
+
+            def parse_request(self):  # Python's own takes one slash away
+                fine = super().parse_request()
+                if fine:
+                    self.path = self.raw_requestline.decode().split()[1]
+                return fine
+
+        with Host(self.site()) as other, Host(self.site(), handler=Literal) as host:
+            address = f"{host.url}//{other.url.removeprefix('http://')}/site"
+            self.assertEqual(self.outcome(address), "")
+            self.assertEqual(other.log, [])
+
+    def test_notices_that_a_file_is_swapped_whose_version_nobody_tells(self):
+        """Two fields of equal length, on a host without ETags."""
+        fields = []
+        for name, value in [("swap-a", 200), ("swap-b", 150)]:
+            with open(path(name + ".raw"), "wb") as file:
+                file.write(bytes(value if all(6 <= at < 18 for at in (x, y, z)) else 10
+                                 for z in range(24) for y in range(24) for x in range(24)))
+            fields.append(path(name + ".slf"))
+            slf("build", path(name + ".raw"), "--dims", "24x24x24", "--range", "0,255",
+                "--lighting", "direct", "--levels", 1, "--entry", 4, "--exit", 8, "--codec", "raw",
+                "-o", fields[-1], "-f")
+        self.assertEqual(*map(os.path.getsize, fields))
+        folder = path("swapped")
+        slf("export", fields[0], "-o", folder, "-f")
+
+        class Swapping(Handler):
+            answers, after = 0, 1000
+
+            def send_header(self, name, value):
+                if name != "ETag":
+                    super().send_header(name, value)
+
+            def translate_path(self, name):
+                if not name.endswith("field.slf"):
+                    return super().translate_path(name)
+                Swapping.answers += 1
+                return fields[Swapping.answers > Swapping.after]
+
+        for ranges in ["many", "one"]:
+            outcomes = []
+            for Swapping.after in [1000, 4, 5, 6, 8]:
+                Swapping.answers = 0
+                with Host(folder, ranges=ranges, handler=Swapping) as host:
+                    page = self.open(host.url + "/index.html")
+                    page.wait("['failed', 'settled'].includes(slf.state)")
+                    page.wait("slf.state === 'failed' || !slf.statistics().busy")
+                    page.run("new Promise((done) => setTimeout(done, 500))")
+                    outcomes.append(page.run("slf.state === 'failed' ? slf.message : ''"))
+                    page.close()
+                if Swapping.answers <= Swapping.after:
+                    self.assertEqual(outcomes[-1], "")
+                else:
+                    self.assertIn("has changed on its host", outcomes[-1])
+            self.assertGreater(len([said for said in outcomes if said]), 1)
+
+    def test_ctrl_c_leaves_the_browser_that_it_opened(self):
+        log, stop = path("opened.txt"), path("opened.stop")
+        for name in [log, stop]:
+            if os.path.exists(name):
+                os.remove(name)
+        os.makedirs(path("bin"), exist_ok=True)
+        with open(path("bin/xdg-open"), "w") as file:
+            file.write(f"#!/bin/sh\ntrap 'echo interrupted >>{log}' INT\necho $1 >>{log}\n"
+                       f"while [ ! -e {stop} ]; do sleep 0.1; done\necho ended >>{log}\n")
+        os.chmod(path("bin/xdg-open"), 0o755)
+
+        def said(what):
+            deadline = time.monotonic() + 20
+            while time.monotonic() < deadline:
+                if os.path.exists(log) and what in open(log).read():
+                    return open(log).read()
+                time.sleep(0.05)
+            self.fail(f"xdg-open did not say {what}")
+
+        view = subprocess.Popen([SLF, "-q", "view", "--open", self.fields[0]], text=True,
+                                env=os.environ | {"PATH": f"{path('bin')}:{os.environ['PATH']}"},
+                                stdout=subprocess.PIPE, start_new_session=True)
+        said(view.stdout.readline().strip())
+        os.killpg(view.pid, signal.SIGINT)  # as a terminal does
+        view.wait(20)
+        view.stdout.close()
+        time.sleep(0.5)
+        open(stop, "w").close()
+        self.assertNotIn("interrupted", said("ended"))
+
+    def test_a_wait_for_the_gpu_that_fails_ends(self):
+        with Server(self.fields[0]) as server:
+            self.assertEqual(self.outcome(server.url, script="""
+              WebGL2RenderingContext.prototype.clientWaitSync = (gl) => 0x911D;  // WAIT_FAILED
+              """), "")
 
     def test_a_sandbox_needs_the_hosts_consent(self):
         sandbox = {"Content-Security-Policy": "sandbox allow-scripts"}  # as of <iframe sandbox>

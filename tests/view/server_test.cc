@@ -240,6 +240,13 @@ TEST(ViewServer, SendsTheFieldThatHasTheNameNow) {
   EXPECT_THAT(server.get("/replaced/field.slf"), StartsWith("HTTP/1.1 500"));
 }
 
+TEST(ViewServer, ClosesTheConnectionsOfHttp10) {
+  const RunningServer server;
+  const std::string answer =
+      server.send("GET /example/field.slf HTTP/1.0\r\nHost: localhost\r\n\r\n");
+  EXPECT_EQ(body(answer), content(kField));
+}
+
 TEST(ViewServer, AnswersAllRequestsThatComeAtOnce) {
   const RunningServer server;
   const std::string all = content(kField);
@@ -268,18 +275,63 @@ TEST(ViewServer, TakesNoBodyForARequest) {
   EXPECT_EQ(answer.find("HTTP/1.1", 1), std::string::npos);
 }
 
-// The kernel drops connections that find the queue full, and peers try again after a second.
-TEST(ViewServer, LetsManyConnectionsWait) {
+TEST(ViewServer, RefusesRequestsThatOthersReadDifferently) {
   const RunningServer server;
-  std::vector<int> busy;
-  for (unsigned i = 0; i < Server::kMaxConnections; ++i) {  // no other request is accepted
-    busy.push_back(server.connect());
-    (void)::send(busy.back(), "GET /", 5, MSG_NOSIGNAL);
+  const std::string start = "GET /example/field.slf HTTP/1.1\r\n", host = "Host: " + server.host();
+  const std::string inner = start + host + "\r\n\r\n";
+  const std::string chunked = "Transfer-Encoding : chunked\r\n\r\n";
+  for (const std::string& request :
+       {start + host + "\r\n" + chunked + inner, start + host + "\r\n " + chunked + inner,
+        start + host + "\r\nA: b\nTransfer-Encoding: chunked\r\n\r\n" + inner,
+        start + host + "\r\nA: b\r" + chunked + inner, start + host + "\r\nTwo words\r\n\r\n",
+        start + "Host: localhost" + std::string(1, '\0') + ".evil.example\r\n\r\n",
+        start + "Host: localhost" + std::string(1, '\0') + "\r\n\r\n",
+        "GET  /example/field.slf HTTP/1.1\r\n" + host + "\r\n\r\n"}) {
+    const std::string answer = server.send(request);
+    EXPECT_THAT(answer, StartsWith("HTTP/1.1 400")) << request;
+    EXPECT_EQ(answer.find("HTTP/1.1", 1), std::string::npos) << request;
   }
-  const auto begin = std::chrono::steady_clock::now();
-  for (int i = 0; i < 60; ++i) busy.push_back(server.connect());
-  EXPECT_LT(std::chrono::steady_clock::now() - begin, std::chrono::milliseconds(900));
-  for (const int peer : busy) close(peer);
+  const std::string answer =
+      server.send(start + host + "\r\nTransfer-Encoding: chunked\r\n\r\n" + inner);
+  EXPECT_THAT(answer, StartsWith("HTTP/1.1 200"));
+  EXPECT_EQ(header(answer, "Connection"), "close");
+  EXPECT_EQ(body(answer), content(kField));
+  EXPECT_THAT(server.send("GET /" + std::string(20000, 'a') + " HTTP/1.1\r\n"),
+              StartsWith("HTTP/1.1 431"));
+}
+
+// Peers that ask for nothing, for half of something, or do not read the answer.
+TEST(ViewServer, AnswersAtOnceAmongManyPeersThatStall) {
+  const std::string path = ::testing::TempDir() + "long.slf";
+  std::ofstream(path, std::ios::binary) << content(kField);
+  std::filesystem::resize_file(path, 64 << 20);  // more than sockets take
+  const RunningServer server({kField, path});
+  for (const std::string& sent :
+       {std::string(), std::string("GET /"),
+        "GET /long/field.slf HTTP/1.1\r\nHost: " + server.host() + "\r\n\r\n"}) {
+    std::vector<int> peers;
+    for (int i = 0; i < 300; ++i) {
+      peers.push_back(server.connect());
+      (void)::send(peers.back(), sent.data(), sent.size(), MSG_NOSIGNAL);
+    }
+    const auto begin = std::chrono::steady_clock::now();
+    EXPECT_EQ(body(server.get("/example/field.slf")), content(kField));
+    EXPECT_LT(std::chrono::steady_clock::now() - begin, std::chrono::seconds(2)) << sent;
+    for (const int peer : peers) close(peer);
+  }
+}
+
+TEST(ViewServer, ClosesConnectionsThatStall) {
+  const RunningServer server;
+  const int peer = server.connect();
+  for (int i = 0; i < 80; ++i) {  // a letter at a time, for 8 s
+    if (::send(peer, "G", 1, MSG_NOSIGNAL) != 1) break;
+    std::this_thread::sleep_for(std::chrono::milliseconds(100));
+  }
+  char c = 0;
+  EXPECT_LE(recv(peer, &c, 1, MSG_DONTWAIT), 0);
+  EXPECT_NE(errno, EAGAIN);
+  close(peer);
 }
 
 TEST(ViewServer, AnswersToItsOwnNamesOnly) {
@@ -343,6 +395,25 @@ TEST(ViewServer, ForbidsWhatThePageDoesNotNeed) {
     EXPECT_THAT(header(answer, "Content-Security-Policy"), StartsWith("default-src 'none';"));
     EXPECT_THAT(header(answer, "Content-Security-Policy"), Not(HasSubstr("unsafe-inline")));
     EXPECT_EQ(header(answer, "X-Content-Type-Options"), "nosniff");
+  }
+}
+
+// tests/view/notebook_test.py has a browser judge it.
+TEST(ViewServer, LetsNotebooksOfThisMachineAndOriginsThatAreNamedFrameIt) {
+  ServerOptions options;
+  options.frames = {"https://hub.example.org", "http://lab.example.org:*"};
+  const RunningServer server({kField}, options);
+  EXPECT_THAT(header(server.get("/example/"), "Content-Security-Policy"),
+              ::testing::EndsWith("; frame-ancestors 'self' http://localhost:* http://127.0.0.1:* "
+                                  "https://hub.example.org http://lab.example.org:*"));
+  for (const char* const wrong :
+       {"*", "https:", "https://*", "hub.example.org", "https://a b", "https://a;", "https://a/",
+        "https://a:", "https://a:x", "https://", "'none'", "https://a,b", "", "data:"}) {
+    options.frames = {wrong};
+    const auto made = Server::make(std::vector<std::string>{kField}, options);
+    ASSERT_FALSE(made) << wrong;
+    EXPECT_EQ(made.error().code, ErrorCode::usage);
+    EXPECT_THAT(made.error().message, HasSubstr("not an origin"));
   }
 }
 

@@ -453,7 +453,7 @@ async function findField() {
   }
   if (url.protocol === 'file:') return fileSource(await chosenFile());
   return new HttpSource(url, (done, total) => say('This host serves only whole files. Fetched ' +
-    human(done) + (total ? ` of ${human(total)}` : '')));
+    human(done) + (total ? ` of ${human(total)}` : '')), fail);
 }
 // Resolves to a file of this machine that the reader chooses.
 function chosenFile() {

@@ -284,12 +284,10 @@ export class Renderer {
   async done() {
     const {gl} = this, fence = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
     gl.flush();
-    for (;;) {
+    do {
       await new Promise((done) => setTimeout(done, 4));
       if (gl.isContextLost()) return;
-      const state = gl.clientWaitSync(fence, 0, 0);
-      if (state === gl.ALREADY_SIGNALED || state === gl.CONDITION_SATISFIED) break;
-    }
+    } while (gl.clientWaitSync(fence, 0, 0) === gl.TIMEOUT_EXPIRED);  // it may also fail
     gl.deleteSync(fence);
   }
   async timed(pixels) {

@@ -2,6 +2,8 @@
 // itself.
 
 const kStart = 8 << 10;          // bytes of the file's start that a reader needs: two pages
+const kFooter = 48;               // bytes of the footer of an index
+const kChanged = 'The field has changed on its host. Reload the page.';
 const kEnd = 64 << 10;           // bytes of its end, where an index may be
 const kSmallFile = 'style.css';  // of the page, on the same host as the field
 const kRetries = 4;
@@ -35,9 +37,10 @@ const kCutShort = 'The host cut an answer short.';
 // A file on a host of static files, read by ranges. Without ranges, a small file is fetched whole.
 export class HttpSource {
   // `onProgress(done, total)` is called while a file is fetched whole; NaN: the total is unknown.
-  constructor(url, onProgress) {
+  // `onError(error)`: the file has changed after parts of it were read.
+  constructor(url, onProgress, onError) {
     this.url = new URL(url, document.baseURI);
-    this.onProgress = onProgress;
+    Object.assign(this, {onProgress, onError});
     this.bytes = this.requests = 0;
     this.roundTrips = 0;  // the longest chain of answers, each before the next request
     this.kept = [];       // answers with bytes that were not asked for, the oldest first
@@ -66,12 +69,24 @@ export class HttpSource {
     // Some hosts do not serve the end of a file unless they are told where it begins.
     const end = [start, tail].find((answer) => answer?.read(from, this.size)) ??
                 await this.ask(asText([[from, this.size]]));
-    return [[start, 0, Math.min(kStart, this.size)], [end, from, this.size]].map(
+    const ends = [[start, 0, Math.min(kStart, this.size)], [end, from, this.size]].map(
       ([answer, begin, end]) => {
         const bytes = answer.read(begin, end);
         if (!bytes) throw new Error(kCutShort);
         return {begin, bytes};
       });
+    const strong = this.tag?.startsWith('"');
+    this.check = start.whole || strong ? () => {} : () => Promise.all(
+      ends.map(({begin, bytes}) => this.compare(begin, bytes, begin ? kFooter : kStart)));
+    return ends;
+  }
+  // Where no ETag tells versions apart, parts that change with the file do: the meta pages have the
+  // transaction, and the footer of the index has a checksum of all tables.
+  async compare(begin, bytes, count) {
+    const was = bytes.slice(-count), end = begin + bytes.length, from = end - was.length;
+    const answer = await this.ask(asText([[from, end]])).catch(() => {});
+    if (answer?.read(from, end)?.some((byte, i) => byte !== was[i]))
+      this.onError?.(new Error(kChanged));
   }
   // The length of a file whose host hides it in answers with ranges.
   async length() {
@@ -95,7 +110,7 @@ export class HttpSource {
     const wants = this.wants.sort((a, b) => a.begin - b.begin);
     this.wants = [];
     const load = this.several ? this.readSeveral(wants) : this.readSingly(wants);
-    load.catch((error) => wants.forEach((want) => want.failed(error)));
+    load.then(() => this.check?.(), (error) => wants.forEach((want) => want.failed(error)));
   }
   async readSeveral(wants) {
     await Promise.all(grouped(wants).map(async (group) => {
@@ -159,7 +174,7 @@ export class HttpSource {
         if (status === 206) {
           const tag = headers.get('ETag') ?? headers.get('Last-Modified');
           if ((this.tag ??= tag) !== tag)
-            refuse('The field has changed on its host. Reload the page.');
+            refuse(kChanged);
         }
         for (const reader = answer.taken ? response.body.getReader() : undefined; reader;) {
           if (answer.whole && Math.max(answer.have, answer.length || 0) > kMaxWhole) {

@@ -1,0 +1,208 @@
+"""Fields in notebooks: a real Notebook server, and a headless Chromium that runs its cells.
+
+    notebook_test.py SLF WORK_FOLDER
+
+PYTHONPATH has the package slf. Exits with 77, which CTest takes for skipped, where there is no
+browser, Notebook, or page.
+"""
+
+import importlib.util
+import json
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+import unittest
+import urllib.request
+
+sys.dont_write_bytecode = True
+
+from browser import Browser, BrowserError
+from host import Host
+
+SLF, WORK = sys.argv[1:3]
+# A name that is not of this machine, as browsers see it.
+FOREIGN = "notebooks.example.org"
+CELLS = ["import slf\nfield = slf.open('field.slf')\nfield.show()", "field"]
+
+
+def path(name):
+    return os.path.join(WORK, name)
+
+
+def slf(*arguments):
+    return subprocess.run([SLF, "-q", *map(str, arguments)], check=True, capture_output=True,
+                          text=True).stdout
+
+
+class Notebook:
+    """A Notebook server of a folder, which listens on an address."""
+
+    def __init__(self, folder, address):
+        with socket.socket() as probe:
+            probe.bind(("127.0.0.1", 0))
+            port = probe.getsockname()[1]
+        self.config = tempfile.mkdtemp(prefix="slf-jupyter-")
+        environment = os.environ | {"HOME": self.config, "JUPYTER_CONFIG_DIR": self.config,
+                                    "JUPYTER_DATA_DIR": self.config,
+                                    "JUPYTER_RUNTIME_DIR": self.config}
+        self.log = open(os.path.join(self.config, "log"), "w")
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "notebook", "--allow-root", "--no-browser",
+             f"--ip={address}", f"--port={port}", "--NotebookApp.port_retries=0",
+             "--NotebookApp.token=", "--NotebookApp.password=", f"--notebook-dir={folder}"],
+            env=environment, stdout=self.log, stderr=self.log, start_new_session=True)
+        host = f"[{address}]" if ":" in address else address
+        self.url = f"http://{host}:{port}"
+
+    def __enter__(self):
+        deadline = time.monotonic() + 60
+        while True:
+            try:
+                return urllib.request.urlopen(self.url + "/api", timeout=5) and self
+            except OSError:
+                if time.monotonic() > deadline or self.process.poll() is not None:
+                    raise
+                time.sleep(0.1)
+
+    def __exit__(self, *_):
+        os.killpg(self.process.pid, signal.SIGKILL)  # with its kernels
+        self.process.wait()
+        self.log.close()
+        shutil.rmtree(self.config, ignore_errors=True)
+
+
+class NotebookTest(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        os.makedirs(WORK, exist_ok=True)
+        slf("build", "scene:balls", "--entry", 4, "--exit", 16, "--levels", 1, "-o",
+            path("field.slf"), "-f")
+        cells = [{"cell_type": "code", "metadata": {}, "execution_count": None, "outputs": [],
+                  "source": source} for source in CELLS]
+        kernel = {"name": "python3", "display_name": "Python 3", "language": "python"}
+        with open(path("shown.ipynb"), "w") as file:
+            json.dump({"nbformat": 4, "nbformat_minor": 4, "metadata": {"kernelspec": kernel},
+                       "cells": cells}, file)
+
+    def setUp(self):
+        self.browser = Browser(f"--host-resolver-rules=MAP {FOREIGN} 127.0.0.1")
+        self.addCleanup(self.browser.__exit__)
+
+    def frames(self, count, timeout=120):
+        """The pages in frames of other sites, once there are `count` of them."""
+        deadline = time.monotonic() + timeout
+        while time.monotonic() < deadline:
+            found = [target for target, url in self.browser.targets("iframe").items()
+                     if url.startswith("http://127.0.0.1:")]
+            if len(found) >= count:
+                return [self.browser.attach(target) for target in found]
+            time.sleep(0.1)
+        raise BrowserError(f"{len(found)} frames show a field")
+
+    def expect_field(self, page, name):
+        """The canvas shows what slf render draws of the same view."""
+        page.settle()
+        self.assertEqual(page.run("location.pathname"), "/field/")
+        width, height = page.run("(({width, height}) => [width, height])"
+                                 "(document.getElementById('picture'))")
+        self.assertGreater(min(width, height), 300)
+        page.run("new Promise((done) => { addEventListener('hashchange', done, {once: true});"
+                 " location.hash = 'view=30,20,3&mode=bitri&level=1'; }).then(() => 0)")
+        page.settle()
+        page.canvas(path(name + ".png"))
+        slf("render", path("field.slf"), "-o", path(name + "-slf.png"), "-f", "--mode", "bitri",
+            "--level", 1, "--orbit", "30,20,3", "--size", f"{width}x{height}", "--fov",
+            2 * 19.471220634490695, "--background", "0,0,0")
+        found = json.loads(slf("compare", path(name + ".png"), path(name + "-slf.png"), "--json"))
+        self.assertGreater(found["psnr"] or 99, 45)
+
+    def expect_visible(self, page, name, there=True):
+        """A picture of the whole window has the field's colours in its frame, or not."""
+        from PIL import Image
+        page.run("document.querySelector('iframe').scrollIntoView({block: 'center'})")
+        box = page.run("(({x, y, width, height}) => [x, y, x + width, y + height])"
+                       "(document.querySelector('iframe').getBoundingClientRect())")
+        time.sleep(1)
+        page.screenshot(path(name + "-window.png"))
+        frame = Image.open(path(name + "-window.png")).convert("RGB").crop(tuple(map(int, box)))
+        colours = len(set(frame.getdata()))
+        (self.assertGreater if there else self.assertLess)(colours, 1000)
+
+    def run_cells(self, notebook):
+        page = self.browser.open(notebook.url + "/notebooks/shown.ipynb", 1000, 1800)
+        page.wait("globalThis.Jupyter?.notebook?.kernel?.is_connected()")
+        page.run("Jupyter.notebook.execute_all_cells()")
+        shown = "document.querySelectorAll('.output_area iframe').length"
+        failed = "document.querySelector('.output_error')?.textContent"
+        page.wait(f"{shown} === 2 || {failed}", 60)
+        self.assertIsNone(page.run(failed))
+        return page
+
+    def test_cells_show_the_field(self):
+        # Where Notebook listens if nothing else is said, and where it may. Browsers take 127.0.0.1
+        # and localhost for two sites.
+        for address in ["localhost", "::1"]:
+            if address == "::1" and not os.path.exists("/proc/net/if_inet6"):
+                continue
+            with Notebook(WORK, address) as notebook:
+                page = self.run_cells(notebook)
+                [shown] = self.frames(1)
+                self.expect_field(shown, "shown")
+                self.expect_visible(page, "shown")
+                # The field's own display has the page folded.
+                page.run("document.querySelector('.output_area details').open = true;"
+                         "document.querySelector('.output_area details').scrollIntoView()")
+                for frame in self.frames(2):
+                    self.expect_field(frame, "display")
+                page.close()
+
+    def test_only_origins_that_are_named_frame_it_too(self):
+        folder = path("foreign")
+        os.makedirs(folder, exist_ok=True)
+
+        def outcome(*options):
+            view = subprocess.Popen([SLF, "-q", "view", path("field.slf"), *options],
+                                    stdout=subprocess.PIPE, text=True)
+            try:
+                with open(os.path.join(folder, "index.html"), "w") as file:
+                    file.write(f"<iframe src='{view.stdout.readline().strip()}' width=500 "
+                               "height=500></iframe>")
+                page = self.browser.open(origin, 600, 600)
+                page.wait("document.readyState === 'complete'")
+                if options:
+                    self.expect_field(self.frames(1)[0], "foreign")
+                self.expect_visible(page, "foreign", bool(options))
+                page.run("1")
+                said = " ".join(page.complaints())
+                page.close()
+                return said
+            finally:
+                view.terminate()
+                view.wait()
+                view.stdout.close()
+
+        with Host(folder) as host:
+            origin = host.url.replace("127.0.0.1", FOREIGN)
+            self.assertIn("frame-ancestors", outcome())
+            self.browser.events.clear()
+            self.assertNotIn("frame-ancestors", outcome("--allow-frames", origin))
+
+
+if __name__ == "__main__":
+    for module in ["notebook", "PIL", "slf"]:
+        if not importlib.util.find_spec(module):
+            print(f"skipped: no Python module {module}")
+            sys.exit(77)
+    if not shutil.which("chromium"):
+        print("skipped: no chromium")
+        sys.exit(77)
+    if subprocess.run([SLF, "export", "-o", "/dev/null/x.html", "/nonexistent.slf"],
+                      capture_output=True).returncode == 5:
+        print("skipped: slf was built without the page")
+        sys.exit(77)
+    unittest.main(argv=sys.argv[:1], verbosity=2)
