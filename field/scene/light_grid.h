@@ -120,7 +120,7 @@ template <class T>
 /// is dark.
 inline constexpr int kExponents = 32;  // byte 11 is 1 to 32: a unit of mean is 2^(byte - 24)
 inline constexpr int kChannels = 11;
-inline constexpr float kMaxArrives = 1.25f, kMaxTint = 2.5f;
+inline constexpr float kMaxArrives = 1.25f, kMinTint = -1, kMaxTint = 2;
 
 /// What byte c of a node counts: its value is unit × byte + offset. Padded for vectors.
 struct NodeUnits {
@@ -131,9 +131,9 @@ inline const std::array<NodeUnits, kExponents + 1> kNodeUnits = [] {
   for (int e = 1; e <= kExponents; ++e)
     for (std::size_t c = 0; c < kChannels; ++c) {
       NodeUnits& u = units[static_cast<std::size_t>(e)];
-      u.unit[c] =
-          c < 6 ? std::ldexp(c < 3 ? 1.f : 2.f, e - 24) : (c < 9 ? kMaxArrives : kMaxTint) / 255;
-      u.offset[c] = c < 3 || c > 5 ? 0 : -128 * u.unit[c];
+      u.unit[c] = c < 6 ? std::ldexp(c < 3 ? 1.f : 2.f, e - 24)
+                        : (c < 9 ? kMaxArrives : kMaxTint - kMinTint) / 255;
+      u.offset[c] = c >= 9 ? kMinTint : c < 3 || c > 5 ? 0 : -128 * u.unit[c];
     }
   return units;
 }();
