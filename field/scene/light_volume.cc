@@ -268,13 +268,22 @@ class LightSolver {
   /// (Ward, Heckbert 1992): linear, and exact at the matter's own normal.
   static ArrivingLight arriving(const Matter& matter, const Scattered& from) {
     if (from.light == glm::vec3(0)) return {};
-    constexpr double kInversePi = 1 / std::numbers::pi;
+    constexpr double kInversePi = 1 / std::numbers::pi, kRare = 0.05;
     // Grazing directions are rare and bright: bounded, they make less noise in the change.
-    const double inverse = 1 / std::max(matter.kernel(from.direction), 0.05);
+    const double inverse = 1 / std::max(matter.kernel(from.direction), kRare);
     glm::dvec3 change(0);
     if (matter.surface > 0) {
-      if (glm::dot(matter.normal, from.direction) > 0) change = kInversePi * from.direction;
-      change = inverse * (change - kInversePi / 4 * matter.normal);
+      // A surface sends few paths below itself, or none. As far as these are missing, those above
+      // stand for them, as far as matter reflects: `known` of both halves is found, bounded.
+      const double flat = (1 - matter.surface) * kInversePi / 4;  // the kernel below
+      const double missed = std::max(0.0, kRare - flat);
+      const double known[2] = {std::min(1.0, flat / kRare),
+                               1 - missed * missed / (2 * kRare * kInversePi * matter.surface)};
+      const bool above = glm::dot(matter.normal, from.direction) > 0;
+      if (above) change = kInversePi * from.direction;
+      const double reflected = 0.5 * (1 - known[0]) * glm::dot(kLuminance, matter.albedo);
+      change -= (above ? (1 + reflected) / known[1] : 1) * kInversePi / 4 * matter.normal;
+      change *= inverse;
     }
     const double mean = 1 - matter.surface * glm::dot(change, matter.normal);
     return {static_cast<float>(mean) * from.light,
