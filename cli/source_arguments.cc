@@ -280,7 +280,8 @@ Result<std::unique_ptr<Scene>> SourceArguments::scene(
       transfer.empty() && !stretched ? preset->function : preset->fit(volume, stretched);
   Result<std::unique_ptr<Scene>> made = fail(ErrorCode::failed, "");
   if (reference)
-    made = PathTracer::make(std::move(volume), function, options, paths);
+    made = PathTracer::make(std::move(volume), function, options,
+                            {paths.samples, options.lighting.seed});
   else
     made = Raycaster::make(std::move(volume), function, options, light_volume);
   if (!made && made.error().code == ErrorCode::failed && stop_signal() == 0)

@@ -135,6 +135,14 @@ std::vector<glm::dvec3> PlacedLight::directions() const {
   return directions;
 }
 
+GridLight PlacedLight::seen_from(const glm::dvec3& origin) const {
+  GridLight light{glm::vec4(irradiance_, 0), glm::vec4(direction_, 0)};
+  if (distant()) return light;
+  light.place = glm::vec4(center_ + distance_ * direction_ - origin, 0);
+  light.distance = static_cast<float>(distance_);
+  return light;
+}
+
 Illumination illuminate(const LightOptions& options, const Sphere& bounds) {
   Illumination all{{},
                    options.environment ? Environment(*options.environment, options.environment_gain)

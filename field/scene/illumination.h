@@ -7,6 +7,7 @@
 #include <limits>
 #include <vector>
 
+#include "field/scene/light_grid.h"
 #include "slf/light.h"
 #include "slf/shape.h"
 
@@ -66,6 +67,8 @@ class PlacedLight {
   /// Directions to points that cover the disc evenly, more of them the larger it is.
   /// REQUIRES: distant().
   [[nodiscard]] std::vector<glm::dvec3> directions() const;
+  /// Its middle, as rays need it.
+  [[nodiscard]] GridLight seen_from(const glm::dvec3& origin) const;
   [[nodiscard]] bool dark() const { return !(irradiance_.r + irradiance_.g + irradiance_.b > 0); }
 
  private:

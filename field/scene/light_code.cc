@@ -15,12 +15,11 @@
 namespace slf {
 namespace {
 
-constexpr std::uint32_t kCodeMagic = 0x31474c53;  // "SLG1"
+constexpr std::uint32_t kCodeMagic = 0x32474c53;  // "SLG2"
 constexpr std::size_t kCodeHead = 4 + 8 + 3 * 4 + 3 * 8 + 8;
 constexpr int kZstdLevel = 9;
-/// Planes of bytes, one byte of each per node: the exponent, and a low and a high byte for each
-/// channel.
-constexpr std::size_t kPlanes = 7;
+/// Of bytes, one of each per node: those of the channels less what is predicted, and the exponent.
+constexpr std::size_t kPlanes = kChannels + 1;
 
 Bytes head_of(const std::string& key, const LightGrid& light) {
   Bytes head;
@@ -33,14 +32,8 @@ Bytes head_of(const std::string& key, const LightGrid& light) {
   return head;
 }
 
-using Channels = std::array<int, 3>;  // green first: the others are predicted from it
-
-constexpr std::array kShifts{9, 0, 18};  // of green, red and blue in a word
-
-int exponent_of(std::uint32_t word) { return static_cast<int>(word >> 27); }
-
-/// Predicts a node's mantissas: the mean of the lit ones among the three nodes before it along the
-/// axes, at its own exponent.
+/// Predicts a node's bytes: the mean of those of the lit ones among the three nodes before it along
+/// the axes, in its own units.
 class Predictor {
  public:
   explicit Predictor(const LightGrid& light) : light_(light) {
@@ -48,24 +41,30 @@ class Predictor {
               static_cast<std::size_t>(light.dims[0]) * light.dims[1]};
   }
 
-  [[nodiscard]] Channels predict(std::size_t number, int exponent) const {
-    Channels sum{};
+  [[nodiscard]] std::array<std::uint8_t, kChannels> predict(std::size_t number,
+                                                            int exponent) const {
+    std::array<int, kChannels> sum{};
     int count = 0;
     const glm::ivec3 at = node_at(light_, number);
     for (int axis = 0; axis < 3; ++axis) {
-      const std::uint32_t word =
-          at[axis] > 0 ? light_.nodes[number - steps_[static_cast<std::size_t>(axis)]] : 0;
-      if (word == 0) continue;
+      if (at[axis] == 0) continue;
+      const std::uint8_t* node =
+          light_.nodes.data() +
+          LightGrid::kNodeBytes * (number - steps_[static_cast<std::size_t>(axis)]);
+      if (node[kChannels] == 0) continue;
       ++count;
-      const int shift = exponent_of(word) - exponent;
-      for (std::size_t c = 0; c < 3; ++c) {
-        const int mantissa = static_cast<int>(word >> kShifts[c] & 511);
-        sum[c] += shift >= 0 ? std::min(mantissa << std::min(shift, 9), 511) : mantissa >> -shift;
+      const int shift = std::clamp(node[kChannels] - exponent, -8, 8);
+      for (std::size_t c = 0; c < kChannels; ++c) {
+        const int zero = c < 3 || c > 5 ? 0 : 128;
+        int value = node[c] - zero;
+        if (c < 6) value = shift >= 0 ? value * (1 << shift) : value / (1 << -shift);
+        sum[c] += std::clamp(value + zero, 0, 255);
       }
     }
-    if (count > 0)
-      for (int& channel : sum) channel /= count;
-    return sum;
+    std::array<std::uint8_t, kChannels> mean{};
+    for (std::size_t c = 0; c < kChannels && count > 0; ++c)
+      mean[c] = static_cast<std::uint8_t>(sum[c] / count);
+    return mean;
   }
 
  private:
@@ -73,32 +72,19 @@ class Predictor {
   std::array<std::size_t, 3> steps_;
 };
 
-/// 0, -1, 1, -2, … become 0, 1, 2, 3, …
-std::uint32_t zigzag(int v) {
-  return static_cast<std::uint32_t>(v) << 1 ^ static_cast<std::uint32_t>(v >> 31);
-}
-int unzigzag(std::uint32_t v) { return static_cast<int>(v >> 1) ^ -static_cast<int>(v & 1); }
-
 }  // namespace
 
 Bytes encode_light(const std::string& key, const LightGrid& light) {
-  const std::size_t size = light.nodes.size();
+  const std::size_t size = light.size();
   Bytes planes(kPlanes * size);
   const Predictor predictor(light);
   for (std::size_t k = 0; k < size; ++k) {
-    const std::uint32_t word = light.nodes[k];
-    if (word == 0) continue;
-    planes[k] = static_cast<std::byte>(exponent_of(word) + 1);
-    const Channels predicted = predictor.predict(k, exponent_of(word));
-    int green = 0;
-    for (std::size_t c = 0; c < 3; ++c) {
-      int difference = static_cast<int>(word >> kShifts[c] & 511) - predicted[c];
-      if (c == 0) green = difference;
-      if (c > 0) difference -= green;
-      const std::uint32_t coded = zigzag(difference);
-      planes[(1 + c) * size + k] = static_cast<std::byte>(coded & 255);
-      planes[(4 + c) * size + k] = static_cast<std::byte>(coded >> 8);
-    }
+    const std::uint8_t* node = light.nodes.data() + LightGrid::kNodeBytes * k;
+    if (node[kChannels] == 0) continue;
+    planes[kChannels * size + k] = static_cast<std::byte>(node[kChannels]);
+    const auto predicted = predictor.predict(k, node[kChannels]);
+    for (std::size_t c = 0; c < kChannels; ++c)
+      planes[c * size + k] = static_cast<std::byte>(node[c] - predicted[c]);
   }
   Bytes out = head_of(key, light);
   const std::size_t begin = out.size();
@@ -124,26 +110,18 @@ std::optional<LightGrid> decode_light(ByteSpan coded, const std::string& key, Li
   const std::size_t read = ZSTD_decompress(planes.data(), planes.size(), coded.data() + kCodeHead,
                                            coded.size() - kCodeHead);
   if (ZSTD_isError(read) || read != planes.size()) return std::nullopt;
-  plan.nodes.assign(size, 0);
+  plan.nodes.assign(plan.node_bytes(), 0);
   const Predictor predictor(plan);
   for (std::size_t k = 0; k < size; ++k) {
-    const auto code = std::to_integer<int>(planes[k]);
-    if (code == 0) continue;
-    if (code > 32) return std::nullopt;
-    const Channels predicted = predictor.predict(k, code - 1);
-    std::uint32_t word = static_cast<std::uint32_t>(code - 1) << 27;
-    int green = 0;
-    for (std::size_t c = 0; c < 3; ++c) {
-      const auto low = std::to_integer<std::uint32_t>(planes[(1 + c) * size + k]);
-      const auto high = std::to_integer<std::uint32_t>(planes[(4 + c) * size + k]);
-      int difference = unzigzag(high << 8 | low);
-      if (c == 0) green = difference;
-      if (c > 0) difference += green;
-      const int mantissa = predicted[c] + difference;
-      if (mantissa < 0 || mantissa > 511) return std::nullopt;
-      word |= static_cast<std::uint32_t>(mantissa) << kShifts[c];
-    }
-    plan.nodes[k] = word;
+    const auto exponent = std::to_integer<std::uint8_t>(planes[kChannels * size + k]);
+    if (exponent == 0) continue;
+    if (exponent > kExponents) return std::nullopt;
+    std::uint8_t* node = plan.nodes.data() + LightGrid::kNodeBytes * k;
+    node[kChannels] = exponent;
+    const auto predicted = predictor.predict(k, exponent);
+    for (std::size_t c = 0; c < kChannels; ++c)
+      node[c] = static_cast<std::uint8_t>(predicted[c] +
+                                          std::to_integer<std::uint8_t>(planes[c * size + k]));
   }
   return plan;
 }

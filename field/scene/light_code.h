@@ -4,11 +4,15 @@
 
 #include <optional>
 #include <string>
+#include <string_view>
 
 #include "base/bytes.h"
 #include "field/scene/light_grid.h"
 
 namespace slf {
+
+/// Begins the bytes of every version.
+inline constexpr std::string_view kLightMagic = "SLG";
 
 /// Codes a light volume without loss, with a key that identifies its inputs. No bytes if memory
 /// does not suffice.

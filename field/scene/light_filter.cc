@@ -19,7 +19,7 @@ template <class F>
 auto filtered(const LightGrid& light, const std::vector<std::uint32_t>& index,
               const std::vector<NodeLight>& nodes, std::size_t number, const F& value) {
   const NodeLight& center = nodes[index[number]];
-  decltype(value(0)) sum(0);
+  decltype(value(0)) sum{};
   float total = 0;
   for_each_neighbour(light, number, [&](std::size_t other, glm::ivec3 offset) {
     if (index[other] == kNoNode || !nodes[index[other]].lit) return;
@@ -31,21 +31,22 @@ auto filtered(const LightGrid& light, const std::vector<std::uint32_t>& index,
     sum += weight * value(index[other]);
     total += weight;
   });
-  return sum / total;
+  return 1 / total * sum;
 }
 
 /// The light of a node and its neighbours, by what can be seen of each. Below an opaque surface,
 /// light falls off within less than a spacing. A surface that passes between nodes would show as
 /// rings, so each takes from those above and below it. To the side it takes almost nothing, for
 /// folds to stay sharp. `axes` turns offsets in nodes into world directions.
-glm::vec3 as_seen(const LightGrid& light, const std::vector<std::uint32_t>& index,
-                  const std::vector<NodeLight>& nodes, const std::vector<glm::vec3>& values,
-                  std::size_t number, const glm::mat3& axes) {
+ArrivingLight as_seen(const LightGrid& light, const std::vector<std::uint32_t>& index,
+                      const std::vector<NodeLight>& nodes, const std::vector<ArrivingLight>& values,
+                      std::size_t number, const glm::mat3& axes) {
   constexpr float kAround = 0.01f;
   const NodeLight& center = nodes[index[number]];
   const auto unit = [](const glm::vec3& n) { return n / std::max(glm::length(n), 1e-6f); };
   const glm::vec3 normal = unit(center.normal);
-  glm::vec4 sum(0);
+  ArrivingLight sum;
+  float total = 0;
   for_each_neighbour(light, number, [&](std::size_t other, glm::ivec3 offset) {
     if (index[other] == kNoNode || !nodes[index[other]].lit) return;
     const NodeLight& node = nodes[index[other]];
@@ -56,23 +57,26 @@ glm::vec3 as_seen(const LightGrid& light, const std::vector<std::uint32_t>& inde
       const float turn = 1 - glm::dot(normal, unit(node.normal));
       weight = center.opacity * (kAround * weight + std::exp(-4 * (glm::dot(aside, aside) + turn)));
     }
-    sum += weight * node.seen * glm::vec4(values[index[other]], 1);
+    sum += weight * node.seen * values[index[other]];
+    total += weight * node.seen;
   });
-  return sum.w > 0 ? glm::vec3(sum) / sum.w : values[index[number]];
+  return total > 0 ? 1 / total * sum : values[index[number]];
 }
 
 /// What rays that show the matter of a node find, given what all nodes have.
-glm::vec3 found_at(const LightGrid& light, const std::vector<std::uint32_t>& index,
-                   const std::vector<NodeLight>& nodes, const std::vector<glm::vec3>& values,
-                   std::size_t number) {
+ArrivingLight found_at(const LightGrid& light, const std::vector<std::uint32_t>& index,
+                       const std::vector<NodeLight>& nodes,
+                       const std::vector<ArrivingLight>& values, std::size_t number) {
   const std::uint8_t* weight = nodes[index[number]].look_ups.data();
-  glm::vec4 sum(0);
+  ArrivingLight sum;
+  float total = 0;
   for_each_neighbour(light, number, [&](std::size_t other, glm::ivec3 offset) {
-    if (index[other] != kNoNode)
-      sum +=
-          static_cast<float>(weight[neighbour_number(offset)]) * glm::vec4(values[index[other]], 1);
+    if (index[other] == kNoNode) return;
+    const auto share = static_cast<float>(weight[neighbour_number(offset)]);
+    sum += share * values[index[other]];
+    total += share;
   });
-  return sum.w > 0 ? glm::vec3(sum) / sum.w : values[index[number]];
+  return total > 0 ? 1 / total * sum : values[index[number]];
 }
 
 }  // namespace
@@ -83,7 +87,7 @@ Result<void> filter_light(const Medium& medium, LightGrid& light,
                           const std::vector<NodeLight>& nodes, unsigned threads,
                           Reporter& progress) {
   const glm::mat3 axes(glm::inverse(medium.grid().world_to_index) / medium.smallest_spacing());
-  std::vector<glm::vec3> values(numbers.size()), next(numbers.size());
+  std::vector<ArrivingLight> values(numbers.size()), next(numbers.size());
   const auto for_nodes = [&](const auto& work) -> Result<void> {
     constexpr std::size_t kNodes = std::size_t{1} << 17;  // between two reports
     for (std::size_t begin = 0; begin < numbers.size(); begin += kNodes) {
@@ -106,26 +110,27 @@ Result<void> filter_light(const Medium& medium, LightGrid& light,
     }));
     std::swap(values, next);
   }
-  // Shadows are filtered as a share of the light that would arrive without them, so that shading by
-  // normals stays sharp.
+  // Shadows are filtered as a share of the light that would arrive without them.
   SLF_TRY(for_lit([&](std::uint64_t k) {
     const auto mean = filtered(light, index, nodes, numbers[k], [&](std::size_t other) {
       return glm::mat2x3(nodes[other].direct, nodes[other].unshadowed);
     });
-    values[k] += nodes[k].unshadowed * mean[0] / glm::max(mean[1], glm::vec3(1e-30f));
+    values[k].arrives = mean[0] / glm::max(mean[1], glm::vec3(1e-12f));
   }));
   // A node's light is a mean, and rays interpolate between nodes: both blur. This step of Jacobi's
   // method makes rays find the means.
   SLF_TRY(for_nodes(
       [&](std::uint64_t k) { next[k] = as_seen(light, index, nodes, values, numbers[k], axes); }));
   SLF_TRY(for_lit([&](std::uint64_t k) {
-    const glm::vec3 error = values[k] - found_at(light, index, nodes, next, numbers[k]);
-    values[k] = glm::max(values[k] + error, glm::vec3(0));
+    values[k] += values[k] - found_at(light, index, nodes, next, numbers[k]);
+    values[k].mean = glm::max(values[k].mean, 0.f);
+    values[k].arrives = glm::clamp(values[k].arrives, 0.f, kMaxArrives);
   }));
-  light.nodes.assign(light.size(), 0);
+  light.nodes.assign(light.node_bytes(), 0);
   return for_nodes([&](std::uint64_t k) {
-    const glm::vec3 value = as_seen(light, index, nodes, values, numbers[k], axes);
-    if (value != glm::vec3(0)) light.nodes[numbers[k]] = pack_light(value);
+    const ArrivingLight value = as_seen(light, index, nodes, values, numbers[k], axes);
+    if (value.mean != glm::vec3(0) || value.arrives != glm::vec3(0))
+      pack_light(value, light.nodes.data() + LightGrid::kNodeBytes * numbers[k]);
   });
 }
 

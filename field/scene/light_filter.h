@@ -17,9 +17,9 @@ namespace slf {
 
 /// The light at one node, and the properties that the filter compares.
 struct NodeLight {
-  glm::vec3 direct{0};      // from lights
+  ArrivingLight indirect;   // its mean and change
+  glm::vec3 direct{0};      // of each light of the grid, by how the matter scatters it
   glm::vec3 unshadowed{0};  // as direct, without shadows
-  glm::vec3 indirect{0};    // from the surroundings, and scattered
   glm::vec3 normal{0};      // mean, times the share of the surface
   float depth = 0;          // optical, below the visible surface
   float seen = 0;           // extinction of what is visible from outside, mean around the node
@@ -29,7 +29,7 @@ struct NodeLight {
   // matter that this one stands for.
   std::array<std::uint8_t, 27> look_ups{};
 };
-static_assert(sizeof(NodeLight) == 88);
+static_assert(sizeof(NodeLight) == 124);
 
 inline constexpr std::uint32_t kNoNode = std::numeric_limits<std::uint32_t>::max();
 

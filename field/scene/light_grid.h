@@ -1,9 +1,9 @@
-// The light volume that rays sample: a grid of colours in 32 bits each. Private to field/scene.
+// The light volume that rays sample: a grid of what arrives at each node, in 12 bytes. Private to
+// field/scene.
 #pragma once
 
 #include <algorithm>
 #include <array>
-#include <bit>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
@@ -13,23 +13,58 @@
 
 namespace slf {
 
-/// Node (i, j, k), x fastest, is at the voxel index low + spacing·(i, j, k). Its light is the
-/// factor from the transfer function's colour to radiance. Between nodes it is interpolated
-/// trilinearly.
+/// What arrives at matter, as far as it varies slowly in space. Matter with the normal n, of which
+/// the share s is a surface, scatters albedo × light_at(). What varies quickly, n, s and the
+/// albedo, is left to rays.
+struct ArrivingLight {
+  glm::vec3 mean{0};     ///< from the surroundings and from matter, if s = 0
+  glm::vec3 change{0};   ///< of the luminance of that with s n (world)
+  glm::vec3 tint{0};     ///< the colour of the change; its length does not matter
+  glm::vec3 arrives{0};  ///< the share of the light of each of the grid's lights
+
+  ArrivingLight& operator+=(const ArrivingLight& other) {
+    mean += other.mean, change += other.change, tint += other.tint, arrives += other.arrives;
+    return *this;
+  }
+  friend ArrivingLight operator*(float factor, const ArrivingLight& l) {
+    return {factor * l.mean, factor * l.change, factor * l.tint, factor * l.arrives};
+  }
+  friend ArrivingLight operator-(ArrivingLight a, const ArrivingLight& b) { return a += -1 * b; }
+};
+
+/// Luminance of linear RGB, Rec. 709.
+inline constexpr glm::vec3 kLuminance{0.2126f, 0.7152f, 0.0722f};
+
+/// A light of the rig, as rays see its middle. Padded for vectors.
+struct GridLight {
+  glm::vec4 irradiance{0};  ///< at the centre of the scene
+  glm::vec4 direction{0};   ///< unit, world, to the light
+  glm::vec4 place{0};       ///< of a near light: world, from the grid's origin
+  float distance = 0;       ///< from the centre, world units; 0: infinitely far
+};
+/// Further lights of a rig count as surroundings.
+inline constexpr std::size_t kGridLights = 3;
+
+/// Node (i, j, k), x fastest, is at the voxel index low + spacing·(i, j, k). Between nodes, light
+/// is interpolated trilinearly.
 struct LightGrid {
   std::array<std::int32_t, 3> dims{};
   glm::dvec3 low{0.0};
-  double spacing = 1;                ///< voxels
-  std::vector<std::uint32_t> nodes;  ///< pack_light(); empty: no light volume
+  double spacing = 1;               ///< voxels
+  std::vector<GridLight> lights;    ///< at most kGridLights
+  std::vector<std::uint8_t> nodes;  ///< node_bytes(); empty: no light volume
 
   [[nodiscard]] std::size_t size() const {
     return static_cast<std::size_t>(dims[0]) * dims[1] * dims[2];
   }
+  /// Bytes of a node, and behind the last one, for loads of whole vectors.
+  static constexpr std::size_t kNodeBytes = 12, kPadding = 8;
+  [[nodiscard]] std::size_t node_bytes() const { return size() * kNodeBytes + kPadding; }
 };
 
 /// Rays look up the light of matter beside it, on the side of its normal, at most this share of the
-/// spacing away: the more opaque a voxel of it is, the further. There, in front of a wall, are the
-/// nodes that stand for this side of it.
+/// spacing away: the more of it is a surface, the further. There, in front of a wall, are the nodes
+/// that stand for this side of it.
 inline constexpr float kLookUpBeside = 0.5f;
 
 /// The place of a node by its number, its index in `nodes`.
@@ -80,46 +115,95 @@ template <class T>
                   w.z);
 }
 
-/// RGB with 9 bits each and one exponent of 5 bits, as OpenGL's RGB9_E5: mantissa · 2^(e - 24).
-/// Cut off at 65408; rounded to nearest. REQUIRES: not negative, finite.
-[[nodiscard]] inline std::uint32_t pack_light(const glm::vec3& light) {
-  const float max_channel = std::min(std::max({light.r, light.g, light.b}), 65408.f);
-  int exponent = 0;
-  std::frexp(max_channel, &exponent);  // max_channel < 2^exponent
-  int shared = std::clamp(exponent + 15, 0, 31);
-  if (std::lround(std::ldexp(max_channel, 24 - shared)) > 511) ++shared;  // rounded up to 512
-  const auto mantissa = [&](float v) {
-    return static_cast<std::uint32_t>(
-        std::clamp(std::lround(std::ldexp(v, 24 - shared)), 0L, 511L));
-  };
-  return mantissa(light.r) | mantissa(light.g) << 9 | mantissa(light.b) << 18 |
-         static_cast<std::uint32_t>(shared) << 27;
+/// The bytes of a node: three of `mean` and three of `change`, which share an exponent; three of
+/// `arrives`; red and blue of `tint` at a luminance of 1; and the exponent. All are 0 if the node
+/// is dark.
+inline constexpr int kExponents = 32;  // byte 11 is 1 to 32: a unit of mean is 2^(byte - 24)
+inline constexpr int kChannels = 11;
+inline constexpr float kMaxArrives = 1.25f, kMinTint = -1, kMaxTint = 2;
+
+/// What byte c of a node counts: its value is unit × byte + offset. Padded for vectors.
+struct NodeUnits {
+  alignas(64) std::array<float, 16> unit{}, offset{};
+};
+inline const std::array<NodeUnits, kExponents + 1> kNodeUnits = [] {
+  std::array<NodeUnits, kExponents + 1> units{};
+  for (int e = 1; e <= kExponents; ++e)
+    for (std::size_t c = 0; c < kChannels; ++c) {
+      NodeUnits& u = units[static_cast<std::size_t>(e)];
+      u.unit[c] = c < 6 ? std::ldexp(c < 3 ? 1.f : 2.f, e - 24)
+                        : (c < 9 ? kMaxArrives : kMaxTint - kMinTint) / 255;
+      u.offset[c] = c >= 9 ? kMinTint : c < 3 || c > 5 ? 0 : -128 * u.unit[c];
+    }
+  return units;
+}();
+
+/// The colour with a luminance of 1; grey if it has none.
+[[nodiscard]] inline glm::vec3 with_unit_luminance(const glm::vec3& color) {
+  const float luminance = glm::dot(kLuminance, color);
+  return std::abs(luminance) > 1e-20f ? color / luminance : glm::vec3(1);
 }
 
-[[nodiscard]] inline glm::vec3 unpack_light(std::uint32_t packed) {
-  const float unit = std::bit_cast<float>(((packed >> 27) + 127 - 24) << 23);  // 2^(e - 24)
-  return unit * glm::vec3(packed & 511, packed >> 9 & 511, packed >> 18 & 511);
+/// Rounded to nearest; `mean` is cut off at 65280. REQUIRES: finite; mean and arrives not negative.
+inline void pack_light(const ArrivingLight& light, std::uint8_t* node) {
+  const glm::vec3 turn = glm::abs(light.change);
+  const float most = std::max({light.mean.r, light.mean.g, light.mean.b,
+                               std::max({turn.x, turn.y, turn.z}) * (255.f / 254)});
+  int exponent = 0;
+  std::frexp(most / 255, &exponent);  // most <= 255 · 2^exponent
+  const int code = std::clamp(exponent + 24, 1, kExponents);
+  const NodeUnits& units = kNodeUnits[static_cast<std::size_t>(code)];
+  const glm::vec3 tint = with_unit_luminance(light.tint);
+  const std::array<float, kChannels> values{light.mean.r,    light.mean.g,    light.mean.b,
+                                            light.change.x,  light.change.y,  light.change.z,
+                                            light.arrives.x, light.arrives.y, light.arrives.z,
+                                            tint.r,          tint.b};
+  for (std::size_t c = 0; c < kChannels; ++c)
+    node[c] = static_cast<std::uint8_t>(
+        std::clamp(std::lround((values[c] - units.offset[c]) / units.unit[c]), 0L, 255L));
+  node[kChannels] = static_cast<std::uint8_t>(code);
+}
+
+[[nodiscard]] inline ArrivingLight unpack_light(const std::uint8_t* node) {
+  const NodeUnits& units = kNodeUnits[std::min<std::size_t>(node[kChannels], kExponents)];
+  const auto value = [&](std::size_t c) {
+    return units.unit[c] * static_cast<float>(node[c]) + units.offset[c];
+  };
+  const float red = value(9), blue = value(10);
+  return {{value(0), value(1), value(2)},
+          {value(3), value(4), value(5)},
+          {red, (1 - kLuminance.r * red - kLuminance.b * blue) / kLuminance.g, blue},
+          {value(6), value(7), value(8)}};
 }
 
 /// The light at a position in nodes, clamped to the grid; nothing beside nodes that are dark, among
 /// which are those that were not computed.
-[[nodiscard]] inline std::optional<glm::vec3> look_up(const LightGrid& light,
-                                                      const glm::dvec3& at) {
+[[nodiscard]] inline std::optional<ArrivingLight> look_up(const LightGrid& light,
+                                                          const glm::dvec3& at) {
   const glm::ivec3 last(light.dims[0] - 1, light.dims[1] - 1, light.dims[2] - 1);
   const glm::vec3 inside(glm::clamp(at, glm::dvec3(0), glm::dvec3(last)));
-  const glm::ivec3 a(inside), b = glm::min(a + 1, last);
+  const glm::ivec3 a(inside);
   const glm::vec3 w = inside - glm::vec3(a);
-  bool dark = false;
-  const auto node = [&](int x, int y, int z) {
-    const std::uint32_t packed =
-        light.nodes[(static_cast<std::size_t>(z) * light.dims[1] + y) * light.dims[0] + x];
-    dark = dark || packed == 0;
-    return unpack_light(packed);
-  };
-  const auto along = [&](int y, int z) { return glm::mix(node(a.x, y, z), node(b.x, y, z), w.x); };
-  const glm::vec3 sum = glm::mix(glm::mix(along(a.y, a.z), along(b.y, a.z), w.y),
-                                 glm::mix(along(a.y, b.z), along(b.y, b.z), w.y), w.z);
-  return dark ? std::nullopt : std::optional(sum);
+  ArrivingLight sum;
+  for (int corner = 0; corner < 8; ++corner) {
+    const glm::ivec3 step(corner & 1, corner >> 1 & 1, corner >> 2);
+    const glm::ivec3 n = glm::min(a + step, last);
+    const std::uint8_t* node =
+        light.nodes.data() +
+        LightGrid::kNodeBytes *
+            ((static_cast<std::size_t>(n.z) * light.dims[1] + n.y) * light.dims[0] + n.x);
+    if (node[kChannels] == 0) return std::nullopt;
+    const glm::vec3 share = glm::mix(1.f - w, w, glm::vec3(step));
+    sum += share.x * share.y * share.z * unpack_light(node);
+  }
+  return sum;
+}
+
+/// The light of the surroundings and of matter that matter scatters; `normal` is s n.
+[[nodiscard]] inline glm::vec3 surrounding_light(const ArrivingLight& light,
+                                                 const glm::vec3& normal) {
+  return glm::max(light.mean + glm::dot(light.change, normal) * with_unit_luminance(light.tint),
+                  0.f);
 }
 
 }  // namespace slf

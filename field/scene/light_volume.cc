@@ -22,8 +22,9 @@ constexpr int kPoints = 32;     // around a node, at most
 constexpr double kReach = 0.5;  // how far from it, in spacings
 constexpr int kMarched = 4;     // of these, towards each light
 /// Bytes per node that computing takes: its depth, index and result, and, at most for half of the
-/// nodes, those near a surface, its number, a NodeLight and twice a colour.
-constexpr std::uint64_t kBytesPerNode = 4 + 4 + 4 + (8 + sizeof(NodeLight) + 24) / 2;
+/// nodes, those near a surface, its number, a NodeLight and twice its light.
+constexpr std::uint64_t kBytesPerNode =
+    4 + 4 + LightGrid::kNodeBytes + (8 + sizeof(NodeLight) + 2 * sizeof(ArrivingLight)) / 2;
 
 /// REQUIRES: 0 <= v < 2^31.
 double fraction(double v) { return v - static_cast<int>(v); }
@@ -165,8 +166,7 @@ class LightSolver {
   [[nodiscard]] glm::dvec3 look_up_place(const Matter& matter) const {
     const glm::dvec3 normal = medium_.per_world(matter.normal);
     const double length = std::max(glm::length(normal), 1e-30);
-    const double opacity = -std::expm1(-matter.extinction * medium_.smallest_spacing());
-    return node_of(matter.at) + kLookUpBeside * opacity / length * normal;
+    return node_of(matter.at) + double{kLookUpBeside * matter.surface} / length * normal;
   }
 
   /// Sets where rays look up the light of the matter that a node stands for.
@@ -188,11 +188,6 @@ class LightSolver {
       node.look_ups[n] = static_cast<std::uint8_t>(std::lround(255 * weights[n] / most));
   }
 
-  /// Rays multiply a node's light by the colour of their sample; this turns that into the albedo.
-  static glm::vec3 tint(const Matter& matter) {
-    return matter.albedo / glm::max(matter.color, glm::vec3(1e-4f));
-  }
-
   /// Adds what the filter compares, and the light that comes straight from the lights.
   void add_direct(const Points& points, Random& random, NodeLight& node) const {
     const double across = light_.spacing * medium_.smallest_spacing();
@@ -203,16 +198,15 @@ class LightSolver {
       node.opacity -= share * static_cast<float>(std::expm1(-matter.extinction * across));
       node.depth += share * static_cast<float>(points.depth[k]);
     }
-    for (std::size_t l = 0; l < illumination_.lights.size(); ++l)
-      add_light(points, l, random, node);
+    for (std::size_t l = 0; l < light_.lights.size(); ++l) add_light(points, l, random, node);
   }
 
-  /// The light that one light sends to the points: at all of them without shadows, times the mean
-  /// transmittance to a few, chosen in proportion to their light.
+  /// The light of one light that the points scatter, white: of all of them without shadows, times
+  /// the mean transmittance to a few, chosen in proportion to their light.
   void add_light(const Points& points, std::size_t light, Random& random, NodeLight& node) const {
     const auto& matter = points.matter;
     std::array<IncidentLight, kPoints> arrivals;
-    std::array<glm::vec3, kPoints> bright;
+    std::array<float, kPoints> bright{};  // as the points scatter it
     double total = 0;
     const double shift[2] = {random(), random()};
     for (int k = 0; k < points.count; ++k) {
@@ -220,30 +214,29 @@ class LightSolver {
       arrivals[k] = illumination_.lights[light].incident_light(medium_.world(matter[k].start),
                                                                fraction(r3(i, 0) + shift[0]),
                                                                fraction(r3(i, 1) + shift[1]));
-      const auto share = static_cast<float>(points.weight[k] / points.total *
-                                            matter[k].kernel(arrivals[k].direction));
-      bright[k] = share * tint(matter[k]) * arrivals[k].irradiance;
-      node.unshadowed += bright[k];
-      total += bright[k].r + bright[k].g + bright[k].b;
+      bright[k] = static_cast<float>(points.weight[k] / points.total *
+                                     matter[k].kernel(arrivals[k].direction));
+      total += bright[k];
     }
     if (!(total > 0)) return;
+    const auto l = static_cast<int>(light);
+    node.unshadowed[l] = static_cast<float>(total);
     const int marched = static_cast<int>(std::ceil(kMarched * points.effort));
     const double first = random();
     double passed = 0;
     for (int k = 0, taken = 0; k < points.count; ++k) {
-      const double own = bright[k].r + bright[k].g + bright[k].b;
-      passed += own;
+      passed += bright[k];
       for (; taken < marched && (taken + first) * total < passed * marched; ++taken)
-        node.direct += transmittance(matter[k], arrivals[k], random()) *
-                       static_cast<float>(total / (own * marched)) * bright[k];
+        node.direct[l] +=
+            transmittance(matter[k], arrivals[k], random()) * static_cast<float>(total / marched);
     }
   }
 
   /// The light from the surroundings and from lit matter.
-  [[nodiscard]] glm::vec3 indirect_light(const Points& points, const Pass& pass,
-                                         Random& random) const {
+  [[nodiscard]] ArrivingLight indirect_light(const Points& points, const Pass& pass,
+                                             Random& random) const {
     const int paths = static_cast<int>(std::ceil(pass.paths * points.effort));
-    glm::vec3 sum(0);
+    ArrivingLight sum;
     const glm::dvec3 shift(random(), random(), random());
     const double first = random();
     double passed = points.weight[0];  // systematic resampling of the points by weight
@@ -253,76 +246,134 @@ class LightSolver {
         passed += points.weight[++k];
       const auto at = static_cast<std::uint64_t>(i);
       const Matter& matter = points.matter[k];
-      sum +=
-          tint(matter) * trace_path(matter,
-                                    {fraction(r3(at, 0) + shift[0]), fraction(r3(at, 1) + shift[1]),
-                                     fraction(r3(at, 2) + shift[2])},
-                                    pass, random);
+      if (illumination_.environment.peaked())
+        sum += arriving(matter, light_from_sky(matter, random));
+      sum += arriving(matter, light_from_one(matter, light_.lights.size(), random));
+      sum += arriving(matter,
+                      trace_path(matter,
+                                 {fraction(r3(at, 0) + shift[0]), fraction(r3(at, 1) + shift[1]),
+                                  fraction(r3(at, 2) + shift[2])},
+                                 pass, random));
     }
-    return sum / static_cast<float>(paths);
+    return 1.f / static_cast<float>(paths) * sum;
   }
 
-  /// One path of light, traced backwards from a point, whose first direction comes from `u`.
-  [[nodiscard]] glm::vec3 trace_path(Matter matter, glm::dvec3 u, const Pass& pass,
+  /// Light from one direction, times the kernel and divided by the density of directions.
+  struct Scattered {
+    glm::dvec3 direction{0.0};
+    glm::vec3 light{0};
+  };
+
+  /// How the light from a direction changes with the normal, a rotational gradient of irradiance
+  /// (Ward, Heckbert 1992): linear, and exact at the matter's own normal.
+  static ArrivingLight arriving(const Matter& matter, const Scattered& from) {
+    if (from.light == glm::vec3(0)) return {};
+    constexpr double kInversePi = 1 / std::numbers::pi, kRare = 0.05;
+    // Grazing directions are rare and bright: bounded, they make less noise in the change.
+    const double inverse = 1 / std::max(matter.kernel(from.direction), kRare);
+    glm::dvec3 change(0);
+    if (matter.surface > 0) {
+      // A surface sends few paths below itself, or none. As far as these are missing, those above
+      // stand for them, as far as matter reflects: `known` of both halves is found, bounded.
+      const double flat = (1 - matter.surface) * kInversePi / 4;  // the kernel below
+      const double missed = std::max(0.0, kRare - flat);
+      const double known[2] = {std::min(1.0, flat / kRare),
+                               1 - missed * missed / (2 * kRare * kInversePi * matter.surface)};
+      const bool above = glm::dot(matter.normal, from.direction) > 0;
+      if (above) change = kInversePi * from.direction;
+      const double reflected = 0.5 * (1 - known[0]) * glm::dot(kLuminance, matter.albedo);
+      change -= (above ? (1 + reflected) / known[1] : 1) * kInversePi / 4 * matter.normal;
+      change *= inverse;
+    }
+    const double mean = 1 - matter.surface * glm::dot(change, matter.normal);
+    return {static_cast<float>(mean) * from.light,
+            glm::dot(kLuminance, from.light) * glm::vec3(change),
+            static_cast<float>(1 - mean) * from.light, glm::vec3(0)};
+  }
+
+  /// One path of light, traced backwards from a point, whose first direction comes from `u`. Its
+  /// light, except that which arrives at the point straight from lights and a peaked environment.
+  [[nodiscard]] Scattered trace_path(Matter matter, glm::dvec3 u, const Pass& pass,
                                      Random& random) const {
     double traveled = 0;
     const bool sample_sky = illumination_.environment.peaked();
-    glm::vec3 throughput(1), sum(0);
+    Scattered result;
+    glm::vec3 throughput(1);
     for (std::uint32_t bounce = 0;; ++bounce) {
-      if (sample_sky) sum += throughput * light_from_sky(matter, random);
-      if (bounce > 0) sum += throughput * light_from_one(matter, random);
+      if (bounce > 0) {
+        if (sample_sky) result.light += throughput * light_from_sky(matter, random).light;
+        result.light += throughput * light_from_one(matter, 0, random).light;
+      }
       const glm::dvec3 direction = matter.sample(u[0], u[1], u[2]);
+      if (bounce == 0) result.direction = direction;
       const glm::dvec3 along = medium_.per_world(direction);
       const auto t =
           medium_.fly(matter.start, along, std::numeric_limits<double>::infinity(), random);
       if (!t) {
-        if (illumination_.environment.dark()) return sum;
+        if (illumination_.environment.dark()) return result;
         const double kernel = matter.kernel(direction);
         const double weight =
             sample_sky ? kernel / (kernel + illumination_.environment.density(direction)) : 1;
-        return sum + static_cast<float>(weight) * throughput *
-                         illumination_.environment.radiance(direction);
+        result.light +=
+            static_cast<float>(weight) * throughput * illumination_.environment.radiance(direction);
+        return result;
       }
-      if (bounce >= pass.bounces) return sum;
+      if (bounce >= pass.bounces) return result;
       traveled += *t;
       const glm::dvec3 at = matter.start + *t * along;
       matter = medium_.matter(at);
-      if (pass.estimate && traveled > far_)
-        if (const auto known = look_up(*pass.estimate, look_up_place(matter)))
-          return sum + throughput * matter.color * *known;
       throughput *= matter.albedo;
+      if (pass.estimate && traveled > far_)
+        if (const auto known = look_up(*pass.estimate, look_up_place(matter))) {
+          result.light += throughput * light_at(matter, *known);
+          return result;
+        }
       // Russian roulette, once less than half of the light is left.
       const double survival =
           std::min(1.0, 2.0 * std::max({throughput.r, throughput.g, throughput.b}));
-      if (random() >= survival) return sum;
+      if (random() >= survival) return result;
       throughput /= static_cast<float>(survival);
       u = {random(), random(), random()};
     }
   }
 
+  /// The light that white matter scatters, as rays compute it.
+  [[nodiscard]] glm::vec3 light_at(const Matter& matter, const ArrivingLight& arriving) const {
+    glm::vec3 sum = surrounding_light(arriving, matter.surface * glm::vec3(matter.normal));
+    for (std::size_t l = 0; l < light_.lights.size(); ++l) {
+      const IncidentLight arrival =
+          illumination_.lights[l].incident_light(medium_.world(matter.at), 0, 0);
+      sum += arriving.arrives[static_cast<int>(l)] *
+             static_cast<float>(matter.kernel(arrival.direction)) * arrival.irradiance;
+    }
+    return sum;
+  }
+
   /// Next-event estimation towards the environment; its share by the balance heuristic.
-  [[nodiscard]] glm::vec3 light_from_sky(const Matter& matter, Random& random) const {
+  [[nodiscard]] Scattered light_from_sky(const Matter& matter, Random& random) const {
     const double choice = random(), u = random(), v = random();
     const Environment::Sample s = illumination_.environment.sample(choice, u, v);
     const double kernel = matter.kernel(s.direction);
     if (!(kernel > 0) || medium_.fly(matter.start, medium_.per_world(s.direction),
                                      std::numeric_limits<double>::infinity(), random))
-      return glm::vec3(0);
-    return static_cast<float>(kernel / (kernel + s.density)) * s.radiance;
+      return {};
+    return {s.direction, static_cast<float>(kernel / (kernel + s.density)) * s.radiance};
   }
 
-  /// Next-event estimation towards one of the lights.
-  [[nodiscard]] glm::vec3 light_from_one(const Matter& matter, Random& random) const {
-    const std::size_t count = illumination_.lights.size();
-    if (count == 0) return glm::vec3(0);
-    const auto l = static_cast<std::size_t>(random() * static_cast<double>(count));
+  /// Next-event estimation towards one of the lights from number `first` on.
+  [[nodiscard]] Scattered light_from_one(const Matter& matter, std::size_t first,
+                                         Random& random) const {
+    if (first >= illumination_.lights.size()) return {};
+    const std::size_t count = illumination_.lights.size() - first;
+    const auto l = first + static_cast<std::size_t>(random() * static_cast<double>(count));
     const double u = random(), v = random();
     const IncidentLight arrival =
         illumination_.lights[l].incident_light(medium_.world(matter.start), u, v);
     const double kernel = matter.kernel(arrival.direction);
-    if (!(kernel > 0)) return glm::vec3(0);
-    return transmittance(matter, arrival, random()) *
-           static_cast<float>(kernel * static_cast<double>(count)) * arrival.irradiance;
+    if (!(kernel > 0)) return {};
+    return {arrival.direction, transmittance(matter, arrival, random()) *
+                                   static_cast<float>(kernel * static_cast<double>(count)) *
+                                   arrival.irradiance};
   }
 
   /// The share of a light that arrives at a place, from samples shifted by `shift` (0 to 1).
@@ -381,7 +432,8 @@ Result<void> solve_all(const LightSolver& solver, const std::vector<std::size_t>
 
 }  // namespace
 
-LightGrid plan_light(const RayGrid& grid, const LightOptions& options) {
+LightGrid plan_light(const RayGrid& grid, const Illumination& illumination,
+                     const LightOptions& options) {
   const glm::dvec3 box = grid.visible_high - grid.visible_low;
   const std::uint64_t nodes = options.memory / kBytesPerNode;
   const auto max_nodes = static_cast<double>(nodes);
@@ -397,13 +449,15 @@ LightGrid plan_light(const RayGrid& grid, const LightOptions& options) {
   const glm::dvec3 dims = dims_at(light.spacing);
   for (int axis = 0; axis < 3; ++axis)
     light.dims[static_cast<std::size_t>(axis)] = static_cast<std::int32_t>(dims[axis]);
+  for (const PlacedLight& placed : illumination.lights)
+    if (light.lights.size() < kGridLights) light.lights.push_back(placed.seen_from(grid.origin));
   return light;
 }
 
 Result<LightGrid> compute_light(const Medium& medium, const Illumination& illumination,
                                 const LightOptions& options, unsigned threads,
                                 const ProgressCallback& progress) {
-  LightGrid light = plan_light(medium.grid(), options);
+  LightGrid light = plan_light(medium.grid(), illumination, options);
   const auto extinction = SLF_TRY(node_extinctions(medium, light, threads));
   const std::vector<float> depth = depth_from_outside(medium, light, extinction);
   std::vector<std::size_t> numbers;

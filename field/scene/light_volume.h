@@ -15,7 +15,8 @@ namespace slf {
 
 /// The grid of a scene's light volume, without nodes: it covers the visible box, within the
 /// options' memory.
-[[nodiscard]] LightGrid plan_light(const RayGrid& grid, const LightOptions& options);
+[[nodiscard]] LightGrid plan_light(const RayGrid& grid, const Illumination& illumination,
+                                   const LightOptions& options);
 
 /// Computes the light at the nodes around all that a view can show.
 ///
@@ -54,15 +55,5 @@ namespace slf {
                                               const Illumination& illumination,
                                               const LightOptions& options, unsigned threads,
                                               const ProgressCallback& progress);
-
-/// usage: `path` exists and is no light volume, so it must not be replaced by one.
-[[nodiscard]] Result<void> check_light_file(const std::string& path);
-/// Writes a light volume to a file, with a key that identifies its inputs. Replaces only a light
-/// volume. io: it cannot be written. usage: as check_light_file().
-[[nodiscard]] Result<void> save_light(const std::string& path, const std::string& key,
-                                      const LightGrid& light);
-/// The light volume in a file; nothing if there is no such file, if it has another key, or if it is
-/// damaged. Input is untrusted.
-[[nodiscard]] std::optional<LightGrid> load_light(const std::string& path, const std::string& key);
 
 }  // namespace slf

@@ -133,10 +133,8 @@ Medium::Medium(const RayGrid& grid)
   for (const float per_spacing : grid.table.extinctions) {
     const double extinction = per_spacing / smallest_spacing_;
     extinctions_.push_back(static_cast<float>(extinction));
-    surfaces_.push_back(static_cast<float>(-std::expm1(-2 * smallest_spacing_ * extinction)));
-    const glm::vec3 color(grid.table.colors[ray_colors_.size()]);
-    albedos_.push_back(albedo_of(color));
-    ray_colors_.emplace_back(glm::mix(albedos_.back(), color, surfaces_.back()), 0);
+    const glm::vec3 color(grid.table.colors[albedos_.size()]);
+    albedos_.emplace_back(albedo_of(color), -std::expm1(-2 * smallest_spacing_ * extinction));
   }
   find_majorants();
 }
@@ -208,8 +206,7 @@ Matter Medium::matter(const glm::dvec3& at) const {
   const std::size_t index = entry(at);
   matter.extinction = extinctions_[index];
   if (!(matter.extinction > 0)) return matter;
-  matter.color = glm::vec3(ray_colors_[index]);
-  matter.albedo = albedos_[index];
+  matter.albedo = glm::vec3(albedos_[index]);
   const Cell cell = cell_of(grid_, at);
   float v[64];
   load<4>(grid_, cell.first - 1, grid_.labels, v);
@@ -220,9 +217,20 @@ Matter Medium::matter(const glm::dvec3& at) const {
   const auto& m = grid_.gradient_to_world;
   const glm::vec3 world(gradient.x * m[0] + gradient.y * m[1] + gradient.z * m[2]);
   const float length = glm::length(world);
-  if (!(length > 1e-15f)) return matter;
-  matter.normal = glm::normalize(glm::dvec3(-world));
-  matter.surface = surfaces_[index] * -std::expm1(-length * grid_.inverse_gradient_floor);
+  glm::dvec3 normal(0);  // times the share of the surface
+  if (length > 1e-15f)
+    normal = -std::expm1(-double{length} * grid_.inverse_gradient_floor) *
+             glm::normalize(glm::dvec3(-world));
+  for (int axis = 0; axis < 3; ++axis) {
+    const double low = at[axis], high = grid_.dims[axis] - 1 - at[axis];
+    const double cut = 1 - std::clamp(std::min(low, high), 0.0, 1.0);
+    const glm::dvec3 outwards = (low < high ? -1.0 : 1.0) * glm::dvec3(grid_.face_normals[axis]);
+    normal = glm::mix(normal, outwards, cut);
+  }
+  const double size = glm::length(normal);
+  if (!(size > 1e-15)) return matter;
+  matter.normal = normal / size;
+  matter.surface = static_cast<float>(albedos_[index].w * size);
   matter.albedo = glm::mix(matter.albedo, glm::vec3(grid_.table.colors[index]), matter.surface);
   // The layer that a gradient spreads a surface over does not shadow the surface.
   constexpr double kLayer = 1.5;  // voxels

@@ -35,7 +35,6 @@ struct Matter {
   glm::dvec3 at{0.0};
   glm::dvec3 start{0.0};   ///< start of the paths of light that is scattered here
   float extinction = 0;    ///< per world unit
-  glm::vec3 color{0};      ///< by which rays multiply light; see Medium::ray_colors()
   glm::vec3 albedo{0};     ///< share of light that is scattered
   glm::dvec3 normal{0.0};  ///< unit, world; 0 where there is no gradient
   float surface = 0;       ///< share of the surface in the scattering kernel
@@ -62,10 +61,8 @@ class Medium {
 
   [[nodiscard]] float extinction(const glm::dvec3& at) const;
   [[nodiscard]] Matter matter(const glm::dvec3& at) const;
-  /// For each entry of the grid's table, the albedo that its matter has if the gradient there is
-  /// clear. It is what rays multiply the light volume's light by: a light volume then holds light
-  /// alone, which varies less between nodes than what is scattered.
-  [[nodiscard]] const std::vector<glm::vec4>& ray_colors() const { return ray_colors_; }
+  /// TransferTable::albedos.
+  [[nodiscard]] const std::vector<glm::vec4>& albedos() const { return albedos_; }
   /// A unit world direction as voxel indices per world unit.
   [[nodiscard]] glm::dvec3 per_world(const glm::dvec3& direction) const {
     return grid_.world_to_index * direction;
@@ -109,10 +106,8 @@ class Medium {
   glm::dmat3 index_to_world_;
   double smallest_spacing_ = std::numeric_limits<double>::max();
   std::vector<float> extinctions_;  // per table entry and world unit
-  std::vector<float> surfaces_;     // per table entry: opacity across two voxels
-  std::vector<glm::vec3> albedos_;  // per table entry: of matter without a surface
-  std::vector<glm::vec4> ray_colors_;
-  std::vector<float> majorants_;  // per brick
+  std::vector<glm::vec4> albedos_;  // per table entry
+  std::vector<float> majorants_;    // per brick
 };
 
 }  // namespace slf

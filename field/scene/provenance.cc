@@ -126,7 +126,7 @@ std::string light_key(const std::string& provenance) {
   for (const char* member : {"source", "step"}) key.erase(member);
   if (const auto lighting = key.find("lighting"); lighting != key.end())
     for (const char* shown : {"linear", "tone"}) lighting->erase(shown);
-  key["method"] = 2;  // of computing light and looking it up; others have other numbers
+  key["method"] = 3;  // of computing light and looking it up; others have other numbers
   return key.dump();
 }
 

@@ -3,7 +3,9 @@
 #include <cassert>
 #include <mutex>
 #include <optional>
+#include <string_view>
 
+#include "base/file.h"
 #include "base/try.h"
 #include "field/scene/light_code.h"
 #include "field/scene/light_volume.h"
@@ -21,23 +23,48 @@ struct Raycaster::State {
 
   void adopt(LightGrid light, const Medium& medium) {
     scene->grid.light_volume = std::move(light);
-    scene->grid.table.colors = medium.ray_colors();
+    scene->grid.table.albedos = medium.albedos();
     pending_light.reset();
   }
 };
 
 namespace {
 
+LightGrid plan_of(const VolumeScene& scene) {
+  return plan_light(scene.grid, illuminate(scene.lighting, scene.bounds), scene.lighting);
+}
+
+/// usage: `path` exists and is no light volume, so it must not be replaced by one.
+Result<void> check_light_file(const std::string& path) {
+  return check_own_file(path, kLightMagic, "a light volume");
+}
+
+/// The light volume in a file; nothing if there is none, or that of another scene.
+std::optional<LightGrid> saved_light(const std::string& path, const std::string& key,
+                                     LightGrid plan) {
+  // Not a byte more of a file that is something else: it may be large.
+  const auto is_light = [](ByteSpan start) -> Result<void> {
+    const auto* text = reinterpret_cast<const char*>(start.data());
+    if (std::string_view(text, start.size()).starts_with(kLightMagic)) return {};
+    return fail(ErrorCode::bad_file, "no light volume");
+  };
+  const auto bytes = read_file(path, std::uint64_t{1} << 40, is_light);
+  if (!bytes) return std::nullopt;
+  return decode_light(*bytes, key, std::move(plan));
+}
+
 /// The light volume of a scene, read from options.file if that has it, else computed.
 Result<LightGrid> light_of(const VolumeScene& scene, const Medium& medium,
                            const LightVolumeOptions& options) {
+  const std::string key = light_key(scene.provenance);
   if (!options.file.empty())
-    if (auto saved = load_light(options.file, light_key(scene.provenance)))
-      return std::move(*saved);
+    if (auto saved = saved_light(options.file, key, plan_of(scene))) return std::move(*saved);
   auto light = compute_light(medium, illuminate(scene.lighting, scene.bounds), scene.lighting,
                              options.threads, options.progress);
-  if (light && !options.file.empty())
-    SLF_TRY(save_light(options.file, light_key(scene.provenance), *light));
+  if (light && !options.file.empty()) {
+    SLF_TRY(check_light_file(options.file));
+    SLF_TRY(write_file(options.file, encode_light(key, *light)));
+  }
   return light;
 }
 
@@ -79,8 +106,7 @@ bool Raycaster::set_light(std::span<const std::byte> light) const {
   const std::lock_guard lock(state_->preparing);
   if (!state_->pending_light) return false;
   const VolumeScene& scene = *state_->scene;
-  auto decoded =
-      decode_light(light, light_key(scene.provenance), plan_light(scene.grid, scene.lighting));
+  auto decoded = decode_light(light, light_key(scene.provenance), plan_of(scene));
   if (!decoded) return false;
   state_->adopt(std::move(*decoded), Medium(scene.grid));
   return true;

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstring>
 #include <limits>
+#include <numbers>
 #include <type_traits>
 
 #undef HWY_TARGET_INCLUDE
@@ -307,9 +308,9 @@ HWY_INLINE void add_sample(const RayGrid& grid, const RayBatch& batch, std::size
   else
     samples.row[s] =
         grid.rows.empty() ? 0 : grid.rows[nearest] * static_cast<std::int32_t>(grid.table.entries);
-  const bool lit = !grid.light_volume.nodes.empty(), shaded = grid.shade && !lit;
+  const bool shaded = grid.shade || !grid.light_volume.nodes.empty();
   const Neighbourhood<T> voxels = neighbourhood(grid, cell[0], cell[1], cell[2], border);
-  for (int r = 0; r < (shaded ? 12 : kLabels && !lit ? 0 : 4); ++r)
+  for (int r = 0; r < (shaded ? 12 : kLabels ? 0 : 4); ++r)
     samples.rows[r][s] = take_row<T, kLabels>(grid, voxels.at(kRowY[r], kRowZ[r]));
 }
 
@@ -353,10 +354,16 @@ RayCounts trace_typed(const RayGrid& grid, std::span<const Segment> rays,
       const std::size_t i = samples.ray[s];
       const float left = 1 - batch.alpha[i];
       glm::vec3 color(0);
-      for (int k = 0; k < kPieces; ++k)
-        color += samples.share[k][s] *
-                 glm::vec3(grid.table.colors[static_cast<std::size_t>(samples.entry[k][s])]);
-      if (lit) color *= glm::vec3(samples.light[0][s], samples.light[1][s], samples.light[2][s]);
+      for (int k = 0; k < kPieces; ++k) {
+        const auto entry = static_cast<std::size_t>(samples.entry[k][s]);
+        const glm::vec3 own(grid.table.colors[entry]);
+        if (!lit) {
+          color += samples.share[k][s] * own;
+          continue;
+        }
+        const glm::vec4& light = samples.light[k][s];
+        color += glm::vec3(light) * glm::mix(glm::vec3(grid.table.albedos[entry]), own, light.w);
+      }
       glm::vec4& to = out[batch.ray[i]].rgba;
       to += glm::vec4(left * color, 0);
       const float opacity = left * samples.opacity[s];

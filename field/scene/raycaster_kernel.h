@@ -30,6 +30,10 @@ struct RayGrid {
   glm::dvec3 origin{0.0};
   /// Columns of the matrix that transforms gradients to world coordinates, padded to four.
   std::array<glm::vec4, 3> gradient_to_world{};
+  std::array<glm::vec4, 3> index_to_world{};  ///< its columns, padded
+  /// Unit, world: the normals of the volume's faces at its end along each axis. Faces cut matter,
+  /// so they are surfaces.
+  std::array<glm::vec4, 3> face_normals{};
   double unit = 1;  ///< of lengths: the smallest voxel spacing, in world units
   double step = 1;  ///< the longest interval of a ray that is one sample, in units
 
@@ -56,7 +60,7 @@ struct RayGrid {
 
   Projection projection = Projection::none;
 
-  /// If there is a light volume, it alone lights the samples, and table.colors are albedos.
+  /// If there is a light volume, it alone lights the samples.
   LightGrid light_volume;
   bool shade = true;
   glm::vec4 light{0};  ///< unit, towards the light; padded

@@ -46,7 +46,8 @@ struct Samples {
   alignas(64) float place[kPieces][kMaxSamples];         // mean positions, 0 to 1
   alignas(64) float reach[kPieces][kMaxSamples];         // how far around them most of it is seen
   alignas(64) std::int32_t entry[kPieces][kMaxSamples];  // of the table, for the mean value there
-  alignas(64) float light[3][kMaxSamples];               // per channel, times opacity
+  // With a light volume: RGB light at a piece times its share, and how much of it is a surface.
+  alignas(64) glm::vec4 light[kPieces][kMaxSamples];
 };
 
 /// Trilinear interpolation between the corners of kLanes cells: those along x at (y, z) = (0, 0),
@@ -185,6 +186,29 @@ HWY_INLINE void find_opacity(const RayGrid& grid, Samples<S>& samples) {
   }
 }
 
+/// Twice the central differences of kLanes samples, trilinear in their cells.
+struct Gradient {
+  Trilinear along[3];
+};
+template <class S>
+HWY_INLINE Gradient gradient_of(const Samples<S>& samples, std::size_t i) {
+  Columns row[12];
+  for (int r = 0; r < 12; ++r) row[r] = load_columns(samples.rows[r] + i);
+  // At the corners, by (y, z).
+  constexpr int kAbove[2][4] = {{1, 6, 3, 7}, {2, 3, 10, 11}};  // along y, z; see kRowY, kRowZ
+  constexpr int kBelow[2][4] = {{4, 0, 5, 2}, {8, 9, 0, 1}};
+  Floats x0[3][4], x1[3][4];
+  for (int r = 0; r < 4; ++r) {
+    x0[0][r] = row[r].x2 - row[r].x0;
+    x1[0][r] = row[r].x3 - row[r].x1;
+    for (int axis = 0; axis < 2; ++axis) {
+      x0[axis + 1][r] = row[kAbove[axis][r]].x1 - row[kBelow[axis][r]].x1;
+      x1[axis + 1][r] = row[kAbove[axis][r]].x2 - row[kBelow[axis][r]].x2;
+    }
+  }
+  return {{trilinear(x0[0], x1[0]), trilinear(x0[1], x1[1]), trilinear(x0[2], x1[2])}};
+}
+
 /// Multiplies the pieces' shares by ambient and Lambertian light at several places of each, because
 /// normals change quickly below a surface. The normal is the trilinear interpolation of central
 /// differences, so it has no facets.
@@ -192,22 +216,7 @@ template <class S>
 HWY_INLINE void shade(const RayGrid& grid, Samples<S>& samples) {
   const Floats one = hn::Set(kFloats, 1.f);
   for (std::size_t i = 0; i < samples.size; i += kLanes) {
-    Columns row[12];
-    for (int r = 0; r < 12; ++r) row[r] = load_columns(samples.rows[r] + i);
-    // Twice the central differences at the corners, by (y, z).
-    constexpr int kAbove[2][4] = {{1, 6, 3, 7}, {2, 3, 10, 11}};  // along y, z; see kRowY, kRowZ
-    constexpr int kBelow[2][4] = {{4, 0, 5, 2}, {8, 9, 0, 1}};
-    Floats x0[3][4], x1[3][4];
-    for (int r = 0; r < 4; ++r) {
-      x0[0][r] = row[r].x2 - row[r].x0;
-      x1[0][r] = row[r].x3 - row[r].x1;
-      for (int axis = 0; axis < 2; ++axis) {
-        x0[axis + 1][r] = row[kAbove[axis][r]].x1 - row[kBelow[axis][r]].x1;
-        x1[axis + 1][r] = row[kAbove[axis][r]].x2 - row[kBelow[axis][r]].x2;
-      }
-    }
-    const Trilinear difference[3] = {trilinear(x0[0], x1[0]), trilinear(x0[1], x1[1]),
-                                     trilinear(x0[2], x1[2])};
+    const Gradient gradient = gradient_of(samples, i);
     Floats light[kPieces];
     for (int point = 0; point < kPieces * kPoints; ++point) {
       const int k = point / kPoints;
@@ -217,7 +226,7 @@ HWY_INLINE void shade(const RayGrid& grid, Samples<S>& samples) {
                      hn::Load(kFloats, samples.place[k] + i));
       Floats p[3];
       find_position(samples, place, i, p);
-      const Floats d[3] = {difference[0](p), difference[1](p), difference[2](p)};
+      const Floats d[3] = {gradient.along[0](p), gradient.along[1](p), gradient.along[2](p)};
       // Transform the gradient to world coordinates.
       const auto& m = grid.gradient_to_world;
       Floats toward = hn::Zero(kFloats), length2 = hn::Set(kFloats, 1e-30f);
@@ -243,11 +252,11 @@ HWY_INLINE void shade(const RayGrid& grid, Samples<S>& samples) {
   }
 }
 
-/// RGB light at kLanes samples, trilinear between the nodes of the light volume.
-struct Light {
-  Floats rgb[3];
-};
-HWY_INLINE Light look_up(const LightGrid& grid, const Floats (&at)[3]) {
+/// What arrives at kLanes places, given in nodes, trilinear between them: `found` has the channels
+/// of an ArrivingLight. A node's bytes are the lanes of a vector, so each of a sample's eight nodes
+/// is one load. Lanes from `count` on are undefined.
+HWY_INLINE void look_up(const LightGrid& grid, const Floats (&at)[3], std::size_t count,
+                        Floats (&found)[kChannels]) {
   const Ints zero = hn::Zero(kInts), one = hn::Set(kInts, 1);
   Floats share[3][2];
   Ints first = zero, step[3];
@@ -263,81 +272,206 @@ HWY_INLINE Light look_up(const LightGrid& grid, const Floats (&at)[3]) {
   }
   step[1] = step[1] * hn::Set(kInts, grid.dims[0]);
   step[2] = step[2] * hn::Set(kInts, grid.dims[0] * grid.dims[1]);
-  Light light{{hn::Zero(kFloats), hn::Zero(kFloats), hn::Zero(kFloats)}};
+  alignas(64) std::int32_t nodes[8][kLanes];
+  alignas(64) float weights[8][kLanes];
   for (int corner = 0; corner < 8; ++corner) {
     const int x = corner & 1, y = corner >> 1 & 1, z = corner >> 2;
     Ints node = first;
     if (x) node = node + step[0];
     if (y) node = node + step[1];
     if (z) node = node + step[2];
-    // pack_light() says what is in a word. Scale by 2^(e - 24).
-    const auto word = hn::GatherIndex(kWords, grid.nodes.data(), node);
-    const auto exponent = hn::ShiftRight<27>(word) + hn::Set(kWords, 127 - 24);
-    const Floats scale = hn::BitCast(kFloats, hn::ShiftLeft<23>(exponent)) *
-                         (share[0][x] * share[1][y] * share[2][z]);
-    const auto add = [&](Floats& to, auto shifted) {
-      const auto mantissa = hn::And(shifted, hn::Set(kWords, 511));
-      to = hn::MulAdd(hn::ConvertTo(kFloats, hn::BitCast(kInts, mantissa)), scale, to);
-    };
-    add(light.rgb[0], word);
-    add(light.rgb[1], hn::ShiftRight<9>(word));
-    add(light.rgb[2], hn::ShiftRight<18>(word));
+    hn::Store(node, kInts, nodes[corner]);
+    hn::Store(share[0][x] * share[1][y] * share[2][z], kFloats, weights[corner]);
   }
-  return light;
+  const hn::CappedTag<float, 16> channels;
+  const hn::Rebind<std::uint8_t, decltype(channels)> bytes;
+  const hn::Rebind<std::int32_t, decltype(channels)> ints;
+  constexpr std::size_t kStep = hn::MaxLanes(hn::CappedTag<float, 16>());
+  constexpr std::size_t kVectors = (kChannels + kStep - 1) / kStep;
+  static_assert(kVectors * kStep <= LightGrid::kNodeBytes + LightGrid::kPadding);
+  alignas(64) float values[16][kLanes];
+  for (std::size_t lane = 0; lane < count; ++lane) {
+    hn::Vec<decltype(channels)> sum[kVectors];
+    for (auto& v : sum) v = hn::Zero(channels);
+    for (int corner = 0; corner < 8; ++corner) {
+      const std::uint8_t* node =
+          grid.nodes.data() + LightGrid::kNodeBytes * static_cast<std::size_t>(nodes[corner][lane]);
+      const NodeUnits& units = kNodeUnits[std::min<std::size_t>(node[kChannels], kExponents)];
+      const auto weight = hn::Set(channels, weights[corner][lane]);
+      for (std::size_t v = 0; v < kVectors; ++v) {
+        const auto byte =
+            hn::ConvertTo(channels, hn::PromoteTo(ints, hn::LoadU(bytes, node + v * kStep)));
+        const auto value = hn::MulAdd(byte, hn::Load(channels, &units.unit[v * kStep]),
+                                      hn::Load(channels, &units.offset[v * kStep]));
+        sum[v] = hn::MulAdd(weight, value, sum[v]);
+      }
+    }
+    alignas(64) float one_sample[kVectors * kStep];
+    for (std::size_t v = 0; v < kVectors; ++v) hn::Store(sum[v], channels, one_sample + v * kStep);
+    for (int c = 0; c < kChannels; ++c) values[c][lane] = one_sample[c];
+  }
+  for (int c = 0; c < kChannels; ++c) found[c] = hn::Load(kFloats, values[c]);
 }
 
-/// The normal of the volume within a cell, of unit length in voxels; 0 where it is constant or
-/// values are too large. `to_normal` turns a gradient into a normal, both in voxel indices.
+/// Finds the normals of kLanes samples, as Medium::matter does.
 template <class S>
-HWY_INLINE void find_normal(const Samples<S>& samples, std::size_t i, const Floats (&p)[3],
-                            const glm::mat3& to_normal, Floats (&normal)[3]) {
-  Floats step[4], at[4];
-  for (int r = 0; r < 4; ++r) {
-    const Columns c = load_columns(samples.rows[r] + i);
-    step[r] = c.x2 - c.x1;
-    at[r] = hn::MulAdd(p[0], step[r], c.x1);
+struct NormalFinder {
+  const RayGrid& grid;
+  const Samples<S>& samples;
+  std::size_t i;
+  Gradient gradient = gradient_of(samples, i);
+  bool cut = near_face();
+
+  HWY_INLINE bool near_face() const {
+    auto at_face = hn::Zero(kInts) > hn::Zero(kInts);
+    for (int axis = 0; axis < 3; ++axis) {
+      const Ints cell = hn::Load(kInts, samples.cell[axis] + i);
+      at_face = hn::Or(
+          at_face, hn::Or(cell == hn::Zero(kInts), cell == hn::Set(kInts, grid.dims[axis] - 2)));
+    }
+    return !hn::AllFalse(kInts, at_face);
   }
-  const Floats gradient[3] = {
-      lerp(lerp(step[0], step[1], p[1]), lerp(step[2], step[3], p[1]), p[2]),
-      lerp(at[1] - at[0], at[3] - at[2], p[2]), lerp(at[2] - at[0], at[3] - at[1], p[1])};
-  Floats length2 = hn::Set(kFloats, 1e-30f);
-  for (int axis = 0; axis < 3; ++axis) {
-    normal[axis] = hn::Zero(kFloats);
-    for (int k = 0; k < 3; ++k)
-      normal[axis] = hn::MulAdd(hn::Set(kFloats, to_normal[k][axis]), gradient[k], normal[axis]);
-    length2 = hn::MulAdd(normal[axis], normal[axis], length2);
+
+  /// The normal (world) at a place of the interval, times how far it is a surface if it is opaque.
+  HWY_INLINE void operator()(Floats place, Floats (&normal)[3]) const {
+    Floats p[3], length2 = hn::Set(kFloats, 1e-30f);
+    find_position(samples, place, i, p);
+    const Floats d[3] = {gradient.along[0](p), gradient.along[1](p), gradient.along[2](p)};
+    const auto& m = grid.gradient_to_world;
+    for (int axis = 0; axis < 3; ++axis) {
+      normal[axis] = hn::MulAdd(hn::Set(kFloats, -0.5f * m[0][axis]), d[0],
+                                hn::MulAdd(hn::Set(kFloats, -0.5f * m[1][axis]), d[1],
+                                           hn::Set(kFloats, -0.5f * m[2][axis]) * d[2]));
+      length2 = hn::MulAdd(normal[axis], normal[axis], length2);
+    }
+    const Floats one = hn::Set(kFloats, 1.f), length = hn::Sqrt(length2);
+    const Floats sure =
+        one - hn::Exp(kFloats, length * hn::Set(kFloats, -grid.inverse_gradient_floor));
+    const Floats scale = hn::IfThenElseZero(hn::IsFinite(length2), sure / length);
+    for (Floats& n : normal) n = n * scale;
+    if (!cut) return;
+    for (int axis = 0; axis < 3; ++axis) {
+      const Floats low = p[axis] + hn::ConvertTo(kFloats, hn::Load(kInts, samples.cell[axis] + i));
+      const Floats high = hn::Set(kFloats, static_cast<float>(grid.dims[axis] - 1)) - low;
+      const Floats share = hn::Max(hn::Zero(kFloats), hn::Min(one, one - hn::Min(low, high)));
+      const Floats outwards = hn::IfThenElse(low < high, hn::Zero(kFloats) - share, share);
+      for (int k = 0; k < 3; ++k)
+        normal[k] = hn::MulAdd(outwards, hn::Set(kFloats, grid.face_normals[axis][k]),
+                               normal[k] * (one - share));
+    }
   }
-  const auto finite = hn::IsFinite(length2);
+};
+
+/// The light of one of the grid's lights, if nothing is in the way: its direction and irradiance,
+/// by the places of kLanes samples in voxels.
+struct Incidence {
+  Floats direction[3], rgb[3];
+};
+HWY_INLINE Incidence incidence(const RayGrid& grid, const GridLight& light, const Floats (&at)[3]) {
+  Incidence in;
+  for (int k = 0; k < 3; ++k) {
+    in.direction[k] = hn::Set(kFloats, light.direction[k]);
+    in.rgb[k] = hn::Set(kFloats, light.irradiance[k]);
+  }
+  if (light.distance == 0) return in;
+  // As PlacedLight::incident_light().
+  Floats length2 = hn::Set(kFloats, 1e-30f), cosine = hn::Zero(kFloats);
+  for (int k = 0; k < 3; ++k) {
+    Floats to = hn::Set(kFloats, light.place[k]);
+    for (int axis = 0; axis < 3; ++axis)
+      to = hn::NegMulAdd(hn::Set(kFloats, grid.index_to_world[axis][k]), at[axis], to);
+    cosine = hn::MulAdd(to, in.direction[k], cosine);
+    length2 = hn::MulAdd(to, to, length2);
+    in.direction[k] = to;
+  }
   const Floats inverse = hn::Set(kFloats, 1.f) / hn::Sqrt(length2);
-  for (Floats& n : normal) n = hn::IfThenElseZero(finite, n * inverse);
+  const Floats ratio = hn::Set(kFloats, light.distance) * inverse;
+  const Floats falls = hn::Max(cosine, hn::Zero(kFloats)) * inverse * ratio * ratio;
+  for (int k = 0; k < 3; ++k) {
+    in.direction[k] = in.direction[k] * inverse;
+    in.rgb[k] = in.rgb[k] * falls;
+  }
+  return in;
 }
 
-/// Finds the light at each sample, from the light volume.
+/// Finds the light at each piece. What arrives is looked up once per sample, at its middle, beside
+/// the matter; normals and surfaces are found for each piece, since they change within a voxel.
 template <class S>
 HWY_INLINE void find_light(const RayGrid& grid, Samples<S>& samples) {
   const LightGrid& light = grid.light_volume;
-  const auto spacing = static_cast<float>(light.spacing);
-  const auto& m = grid.gradient_to_world;
-  const glm::mat3 to_normal = -grid.inverse_gradient_floor * glm::mat3(grid.world_to_index) *
-                              glm::mat3(glm::vec3(m[0]), glm::vec3(m[1]), glm::vec3(m[2]));
+  const Floats zero = hn::Zero(kFloats), one = hn::Set(kFloats, 1.f);
+  const Ints last = hn::Set(kInts, static_cast<std::int32_t>(grid.table.albedos.size()) - 1);
   for (std::size_t i = 0; i < samples.size; i += kLanes) {
-    Floats at[3], normal[3], length2 = hn::Set(kFloats, 1e-12f);
+    const NormalFinder<S> normal_at{grid, samples, i};
+    Floats share[kPieces], normal[kPieces][3], surface[kPieces];
+    Floats total = hn::Set(kFloats, 1e-20f), mean_surface = zero, mean[3] = {zero, zero, zero};
+    for (int k = 0; k < kPieces; ++k) {
+      const Ints entry =
+          hn::Max(hn::Zero(kInts), hn::Min(hn::Load(kInts, samples.entry[k] + i), last));
+      const Floats dense =
+          hn::GatherIndex(kFloats, &grid.table.albedos[0].w, hn::ShiftLeft<2>(entry));
+      normal_at(hn::Load(kFloats, samples.place[k] + i), normal[k]);
+      Floats size2 = zero;
+      for (Floats& n : normal[k]) {
+        n = n * dense;
+        size2 = hn::MulAdd(n, n, size2);
+      }
+      surface[k] = hn::Sqrt(size2);
+      share[k] = hn::Load(kFloats, samples.share[k] + i);
+      total = total + share[k];
+      mean_surface = hn::MulAdd(share[k], surface[k], mean_surface);
+      for (int axis = 0; axis < 3; ++axis)
+        mean[axis] = hn::MulAdd(share[k], normal[k][axis], mean[axis]);
+    }
+    // The place of the look-up, as LightSolver::look_up_place().
+    Floats at[3], nodes[3], aside[3], length2 = hn::Set(kFloats, 1e-12f);
+    for (int axis = 0; axis < 3; ++axis) {
+      aside[axis] = zero;
+      for (int k = 0; k < 3; ++k)
+        aside[axis] = hn::MulAdd(hn::Set(kFloats, static_cast<float>(grid.world_to_index[k][axis])),
+                                 mean[k], aside[axis]);
+      length2 = hn::MulAdd(aside[axis], aside[axis], length2);
+    }
+    const Floats beside =
+        hn::Set(kFloats, kLookUpBeside) * mean_surface / (total * hn::Sqrt(length2));
     find_position(samples, hn::Load(kFloats, samples.center + i), i, at);
-    find_normal(samples, i, at, to_normal, normal);
     for (int axis = 0; axis < 3; ++axis) {
-      const Floats across = hn::Load(kFloats, samples.across[axis] + i);
-      length2 = hn::MulAdd(across, across, length2);
+      at[axis] = at[axis] + hn::ConvertTo(kFloats, hn::Load(kInts, samples.cell[axis] + i));
+      nodes[axis] =
+          hn::MulAdd(at[axis] - hn::Set(kFloats, static_cast<float>(light.low[axis])),
+                     hn::Set(kFloats, static_cast<float>(1 / light.spacing)), beside * aside[axis]);
     }
-    const Floats opacity =
-        hn::Min(hn::Load(kFloats, samples.opacity + i) / hn::Sqrt(length2), hn::Set(kFloats, 1.f));
-    const Floats beside = hn::Set(kFloats, kLookUpBeside * spacing) * opacity;
-    for (int axis = 0; axis < 3; ++axis) {
-      const Floats cell = hn::ConvertTo(kFloats, hn::Load(kInts, samples.cell[axis] + i)) -
-                          hn::Set(kFloats, static_cast<float>(light.low[axis]));
-      at[axis] = hn::MulAdd(beside, normal[axis], at[axis] + cell) * hn::Set(kFloats, 1 / spacing);
+    Floats found[kChannels];
+    look_up(light, nodes, std::min(kLanes, samples.size - i), found);
+    // Green, from a luminance of 1.
+    const Floats green =
+        hn::NegMulAdd(hn::Set(kFloats, kLuminance.r / kLuminance.g), found[9],
+                      hn::NegMulAdd(hn::Set(kFloats, kLuminance.b / kLuminance.g), found[10],
+                                    hn::Set(kFloats, 1 / kLuminance.g)));
+    const Floats tint[3] = {found[9], green, found[10]};
+    Floats rgb[kPieces][3];
+    for (int k = 0; k < kPieces; ++k) {
+      const Floats change = hn::MulAdd(found[3], normal[k][0],
+                                       hn::MulAdd(found[4], normal[k][1], found[5] * normal[k][2]));
+      for (int c = 0; c < 3; ++c) rgb[k][c] = hn::Max(zero, hn::MulAdd(change, tint[c], found[c]));
     }
-    const Light found = look_up(light, at);
-    for (int c = 0; c < 3; ++c) hn::Store(found.rgb[c], kFloats, samples.light[c] + i);
+    for (std::size_t l = 0; l < light.lights.size(); ++l) {
+      const Incidence in = incidence(grid, light.lights[l], at);
+      for (int k = 0; k < kPieces; ++k) {
+        const Floats toward =
+            hn::MulAdd(in.direction[0], normal[k][0],
+                       hn::MulAdd(in.direction[1], normal[k][1], in.direction[2] * normal[k][2]));
+        // Matter::kernel().
+        const Floats kernel =
+            hn::MulAdd(hn::Max(toward, zero), hn::Set(kFloats, std::numbers::inv_pi_v<float>),
+                       (one - surface[k]) * hn::Set(kFloats, std::numbers::inv_pi_v<float> / 4));
+        const Floats arrives = kernel * found[6 + l];
+        for (int c = 0; c < 3; ++c) rgb[k][c] = hn::MulAdd(arrives, in.rgb[c], rgb[k][c]);
+      }
+    }
+    for (int k = 0; k < kPieces; ++k)
+      hn::StoreInterleaved4(rgb[k][0] * share[k], rgb[k][1] * share[k], rgb[k][2] * share[k],
+                            surface[k], kFloats, &samples.light[k][i].x);
   }
 }
 

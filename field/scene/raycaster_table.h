@@ -31,7 +31,10 @@ struct TransferTable {
   /// Entries of a row. There is one row, or one for each structure; the first is the function's
   /// own.
   std::size_t entries = 0;
-  std::vector<glm::vec4> colors;    ///< straight RGB, padded, row by row
+  std::vector<glm::vec4> colors;  ///< straight RGB, padded, row by row
+  /// With a light volume: the albedo of matter without a surface, and the share of the surface
+  /// where the gradient is clear, which is the opacity across two voxels.
+  std::vector<glm::vec4> albedos;
   std::vector<float> extinctions;   ///< at each of `colors`, at most kMaxExtinction
   std::vector<Integral> integrals;  ///< one for each of `colors`; see integrate()
   double unit_distance = 1;         ///< the length that the transfer function's opacities are for

@@ -187,8 +187,12 @@ Result<std::unique_ptr<VolumeScene>> make_volume_scene(Volume volume,
   // Values rise where the stored ones do only under a positive slope.
   const double sign = v.slope < 0 && !v.labels ? -1 : 1;
   const glm::mat3 gradient_to_world(sign * min_spacing * glm::transpose(grid.world_to_index));
-  for (int axis = 0; axis < 3; ++axis)
-    grid.gradient_to_world[static_cast<std::size_t>(axis)] = {gradient_to_world[axis], 0};
+  for (int axis = 0; axis < 3; ++axis) {
+    const auto k = static_cast<std::size_t>(axis);
+    grid.gradient_to_world[k] = {gradient_to_world[axis], 0};
+    grid.index_to_world[k] = glm::vec4(v.axes[axis], 0);
+    grid.face_normals[k] = glm::vec4(glm::normalize(glm::transpose(grid.world_to_index)[axis]), 0);
+  }
   grid.inverse_gradient_floor = 1 / (0.02f * contrast);
   grid.shade = options.shade;
   grid.light = {glm::vec3(glm::normalize(options.light)), 0};
