@@ -6,7 +6,7 @@
 //
 // Prints JSON. For each spacing and number of samples: seconds that the light volume takes; its
 // noise, which is the standard deviation over two seeds divided by the mean of radiance, over the
-// pixels that show something; PSNR of views (neutral tone mapping, 8 bits) against the reference;
+// pixels that show something; PSNR and SSIM of views (neutral tone mapping) against the reference;
 // and slabs per second with it and with direct light. With a field of the same volume and light:
 // its PSNR, the time of a view from it, and how long path tracing takes to the same PSNR. All
 // seconds are of the processor, on all threads: N cores take an Nth of them.
@@ -66,6 +66,17 @@ double noise_error(const Image& a, const Image& b) {
   double sum = 0;
   for (std::size_t k = 0; k < x.size(); ++k) sum += (x[k] - y[k]) * (x[k] - y[k]) / 2;
   return sum / static_cast<double>(x.size());
+}
+
+/// The picture's similarity to the mean of two, tone-mapped.
+double similarity(const Image& picture, const Image& a, const Image& b) {
+  const ToneMapper map{ToneMapping{}};
+  Image shown = picture, mean = a;
+  for (std::size_t k = 0; k < a.rgba.size(); ++k) {
+    shown.rgba[k] = map(picture.rgba[k]);
+    mean.rgba[k] = map(0.5f * (a.rgba[k] + b.rgba[k]));
+  }
+  return compare(shown, mean).ssim;
 }
 
 double psnr(double squared) { return 10 * std::log10(255.0 * 255.0 / std::max(squared, 1e-9)); }
@@ -205,13 +216,15 @@ nlohmann::json measure_light(const Arguments& arguments, const Subject& subject,
       seeds.push_back(expect(Raycaster::make(subject.volume, subject.transfer, options)));
     });
   Noise noise;
-  double error = 0;
+  double error = 0, ssim = 0;
   for (std::size_t v = 0; v < subject.cameras.size(); ++v) {
     const Image one = expect(trace_view(*seeds[0], subject.sphere, subject.cameras[v]));
     noise.add(one, expect(trace_view(*seeds[1], subject.sphere, subject.cameras[v])));
     if (arguments.reference == 0) continue;
     error += squared_error(one, reference.a[v], reference.b[v]) /
              static_cast<double>(subject.cameras.size());
+    ssim += similarity(one, reference.a[v], reference.b[v]) /
+            static_cast<double>(subject.cameras.size());
     if (v == 0 && !arguments.difference.empty())
       write_difference(arguments.difference, one, reference.a[v], reference.b[v]);
   }
@@ -221,7 +234,7 @@ nlohmann::json measure_light(const Arguments& arguments, const Subject& subject,
                      {"noise", noise.relative()},
                      {"slabs_per_second", slab_rate(*seeds[0])},
                      {"slabs_per_second_direct", slab_rate(direct)}};
-  if (arguments.reference > 0) row["psnr"] = psnr(error);
+  if (arguments.reference > 0) row["psnr"] = psnr(error), row["ssim"] = ssim;
   return row;
 }
 

@@ -4,7 +4,8 @@
   benchmarks/light_sheet.py --slf build/release/cli/slf -o sheet.jpg [--samples 32] [--size 384]
       [TITLE=]VOLUME[:TRANSFER[:OPTIONS]] ...
 
-Without volumes it draws those in the folder --data. The first column shows direct light. Pictures
+Without volumes it draws those in the folder --data. The rig `direct` is direct light; `paths` is
+the studio by path tracing, with --paths paths a ray, beside which light volumes are judged. Pictures
 that exist in the folder are not drawn again. Needs ImageMagick's montage.
 """
 
@@ -42,9 +43,10 @@ def main():
     parser.add_argument("-o", "--output", required=True)
     parser.add_argument("--folder", default="out/light_sheet",
                         help="where single pictures are kept")
-    parser.add_argument("--rigs", default="direct,studio,rim,overcast")
-    parser.add_argument("--samples", default="32")
-    parser.add_argument("--spacing", default="1")
+    parser.add_argument("--rigs", default="direct,studio,paths")
+    parser.add_argument("--samples", default="16")
+    parser.add_argument("--spacing", default="2")
+    parser.add_argument("--paths", default="64")
     parser.add_argument("--size", default="384")
     parser.add_argument("--orbit", default="30,20,3")
     parser.add_argument("--data", default=ROOT.parent / "shared/data", help="volumes")
@@ -72,8 +74,10 @@ def main():
             more = options.split()
             if rig != "direct":
                 more = [option for option in more if not option.startswith("--light=")]
-                light = ["--lighting", "global", "--light-rig", rig, "--light-samples", a.samples,
-                         "--light-spacing", a.spacing]
+                light = ["--lighting", "global"]
+                light += (["--reference", "--samples", a.paths] if rig == "paths" else
+                          ["--light-rig", rig, "--light-samples", a.samples,
+                           "--light-spacing", a.spacing])
             subprocess.run(
                 [a.slf, "-q", "raycast", volume, "-o", str(picture), "--size", a.size]
                 + ([] if "--orbit" in options else ["--orbit", a.orbit])

@@ -24,11 +24,11 @@ namespace slf {
 /// extinction and by how much of them can be seen from outside. Points that weigh little are
 /// thinned out at random.
 ///
-/// The light is that which is scattered towards the eye, divided by Medium::ray_colors().
+/// A node holds an ArrivingLight. Rays add the normal, the surface and the albedo of their samples,
+/// which change within a voxel.
 ///
-/// Lights: every point is shaded as if nothing were in the way. Four of the points, chosen in
-/// proportion to what they get, march towards the light to tell how much arrives. Only the share of
-/// light that arrives is filtered, so shading by normals stays sharp.
+/// Lights: four of the points, chosen in proportion to what they scatter, march towards each of the
+/// first three lights to tell which share of it arrives. Further lights count as surroundings.
 ///
 /// Surroundings and scattered light: `samples` paths that start at the points, with next-event
 /// estimation towards one light per vertex and, if the environment is peaked, towards the
