@@ -435,7 +435,7 @@ class PageTest(unittest.TestCase):
 
     def test_a_wait_for_the_gpu_that_fails_ends(self):
         with Server(self.fields[0]) as server:
-            self.assertEqual(self.outcome(server.url, script="""
+            self.assertEqual(self.outcome(server.url, "settled", script="""
               WebGL2RenderingContext.prototype.clientWaitSync = (gl) => 0x911D;  // WAIT_FAILED
               """), "")
 
