@@ -281,7 +281,7 @@ class LightSolver {
                                1 - missed * missed / (2 * kRare * kInversePi * matter.surface)};
       const bool above = glm::dot(matter.normal, from.direction) > 0;
       if (above) change = kInversePi * from.direction;
-      const double reflected = 0.5 * (1 - known[0]) * glm::dot(kLuminance, matter.albedo);
+      const double reflected = (1 - known[0]) * glm::dot(kLuminance, matter.albedo);
       change -= (above ? (1 + reflected) / known[1] : 1) * kInversePi / 4 * matter.normal;
       change *= inverse;
     }

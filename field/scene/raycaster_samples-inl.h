@@ -254,9 +254,9 @@ HWY_INLINE void shade(const RayGrid& grid, Samples<S>& samples) {
 
 /// What arrives at kLanes places, given in nodes, trilinear between them: `found` has the channels
 /// of an ArrivingLight. A node's bytes are the lanes of a vector, so each of a sample's eight nodes
-/// is one load. Lanes from `count` on are undefined.
-HWY_INLINE void look_up(const LightGrid& grid, const Floats (&at)[3], std::size_t count,
-                        Floats (&found)[kChannels]) {
+/// is one load. Finds it for the first `count` lanes, where `opacity` is above 0.
+HWY_INLINE void look_up(const LightGrid& grid, const Floats (&at)[3], const float* opacity,
+                        std::size_t count, Floats (&found)[kChannels]) {
   const Ints zero = hn::Zero(kInts), one = hn::Set(kInts, 1);
   Floats share[3][2];
   Ints first = zero, step[3];
@@ -289,8 +289,9 @@ HWY_INLINE void look_up(const LightGrid& grid, const Floats (&at)[3], std::size_
   constexpr std::size_t kStep = hn::MaxLanes(hn::CappedTag<float, 16>());
   constexpr std::size_t kVectors = (kChannels + kStep - 1) / kStep;
   static_assert(kVectors * kStep <= LightGrid::kNodeBytes + LightGrid::kPadding);
-  alignas(64) float values[16][kLanes];
+  alignas(64) float values[kChannels][kLanes] = {};
   for (std::size_t lane = 0; lane < count; ++lane) {
+    if (!(opacity[lane] > 0)) continue;
     hn::Vec<decltype(channels)> sum[kVectors];
     for (auto& v : sum) v = hn::Zero(channels);
     for (int corner = 0; corner < 8; ++corner) {
@@ -442,7 +443,7 @@ HWY_INLINE void find_light(const RayGrid& grid, Samples<S>& samples) {
                      hn::Set(kFloats, static_cast<float>(1 / light.spacing)), beside * aside[axis]);
     }
     Floats found[kChannels];
-    look_up(light, nodes, std::min(kLanes, samples.size - i), found);
+    look_up(light, nodes, samples.opacity + i, std::min(kLanes, samples.size - i), found);
     // Green, from a luminance of 1.
     const Floats green =
         hn::NegMulAdd(hn::Set(kFloats, kLuminance.r / kLuminance.g), found[9],
