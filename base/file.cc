@@ -76,11 +76,11 @@ int link_to(int fd, const std::string& name) {
                                                                                           : errno;
 }
 
-/// `cause`: 0 if a file has got the name `to`, or an errno value.
-Result<void> end_of_publishing(const std::string& to, int cause) {
+/// `cause`: 0 if a file has got the name `to`, in `folder`, or an errno value.
+Result<void> end_of_publishing(const std::string& to, const std::string& folder, int cause) {
   if (cause == EEXIST) return fail(ErrorCode::usage, to, ": exists already");
   if (cause != 0) return io_error(to, "cannot write", cause);
-  if (const int late = sync_folder(folder_of(to)); late != 0)
+  if (const int late = sync_folder(folder); late != 0)
     return io_error(to, "is written, but its folder could not be synced", late);
   return {};
 }
@@ -171,7 +171,8 @@ Result<void> publish_file(const std::string& from, const std::string& to, Existi
     if (file.get() < 0 || ::fsync(file.get()) != 0) return io_error(to, "cannot write", errno);
   }
   if (existing == Existing::replace) copy_permissions(to, from, /*writable=*/false);
-  return end_of_publishing(to, rename_to(from, to, existing));
+  const std::string folder = folder_of(to);  // memory may run out: not once it has its name
+  return end_of_publishing(to, folder, rename_to(from, to, existing));
 }
 
 NewFile::NewFile(std::string target, int fd, std::string name)
@@ -188,16 +189,26 @@ NewFile::~NewFile() {
 }
 
 Result<NewFile> NewFile::create(const std::string& target) {
-  std::string name;
-  int fd = open_unnamed(folder_of(target), 0666);
-  if (fd < 0 && names_are_needed(errno)) {
-    name = unused_name(target);
-    fd = ::open(name.c_str(), O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
-    if (fd >= 0)
-      copy_permissions(target, name, /*writable=*/true);  // what replaces a private file is private
+  NewFile file(target, -1, {});
+  file.fd_ = open_unnamed(folder_of(target), 0666);
+  int cause = file.fd_ < 0 ? errno : 0;
+  // Without /proc, it would never get a name.
+  if (cause == 0 && ::access(file.path().c_str(), F_OK) != 0) {
+    ::close(std::exchange(file.fd_, -1));
+    cause = EOPNOTSUPP;
   }
-  if (fd < 0) return io_error(target, "cannot write", errno);
-  return NewFile(target, fd, std::move(name));
+  if (cause != 0 && names_are_needed(cause)) {
+    std::string name = unused_name(target);
+    file.fd_ = ::open(name.c_str(), O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
+    cause = file.fd_ < 0 ? errno : 0;
+    if (cause == 0) {
+      file.name_ = std::move(name);
+      // What replaces a private file is private.
+      copy_permissions(target, file.name_, /*writable=*/true);
+    }
+  }
+  if (cause != 0) return io_error(target, "cannot write", cause);
+  return file;
 }
 
 std::string NewFile::path() const { return name_.empty() ? path_of_descriptor(fd_) : name_; }
@@ -205,6 +216,7 @@ std::string NewFile::path() const { return name_.empty() ? path_of_descriptor(fd
 Result<void> NewFile::publish(Existing existing) {
   if (::fsync(fd_) != 0) return io_error(target_, "cannot write", errno);
   if (existing == Existing::replace) copy_permissions(target_, path(), /*writable=*/false);
+  const std::string folder = folder_of(target_);
   int cause = name_.empty() ? link_to(fd_, target_) : rename_to(name_, target_, existing);
   if (cause == EEXIST && existing == Existing::replace) {  // a link replaces nothing
     name_ = unused_name(target_);
@@ -212,7 +224,7 @@ Result<void> NewFile::publish(Existing existing) {
     if (cause == 0) cause = rename_to(name_, target_, existing);
   }
   if (cause == 0) name_.clear();
-  return end_of_publishing(target_, cause);
+  return end_of_publishing(target_, folder, cause);
 }
 
 Result<void> write_file(const std::string& path, ByteSpan bytes) {

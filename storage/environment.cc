@@ -35,25 +35,30 @@ MDB_val value_of(ByteSpan bytes) { return {bytes.size(), const_cast<std::byte*>(
 // of its own that has links to the container and to a lock file in memory, and that vanishes once
 // both are open. Returns 0 or an error.
 int open_alone(MDB_env* environment, const std::string& path, int descriptor) {
-  std::string folder = temporary_folder() + "/slf-XXXXXX";
-  if (mkdtemp(folder.data()) == nullptr) {
-    folder = path + ".XXXXXX";
-    if (mkdtemp(folder.data()) == nullptr) return errno;
+  struct Folder {
+    std::string name, container{}, lock{};
+    int memory = -1;
+    ~Folder() {
+      if (memory >= 0) ::close(memory);
+      unlink(container.c_str());
+      unlink(lock.c_str());
+      rmdir(name.c_str());
+    }
+  };
+  Folder folder{temporary_folder() + "/slf-XXXXXX"};
+  if (mkdtemp(folder.name.data()) == nullptr) {
+    folder.name = path + ".XXXXXX";
+    if (mkdtemp(folder.name.data()) == nullptr) return errno;
   }
-  const std::string container = folder + "/container", lock = container + "-lock";
-  const int memory = memfd_create("slf-lock", MFD_CLOEXEC);
-  int code = memory < 0 || symlink(path_of_descriptor(memory).c_str(), lock.c_str()) != 0 ||
-                     symlink(path_of_descriptor(descriptor).c_str(), container.c_str()) != 0
-                 ? errno
-                 : 0;
-  if (code == 0)
-    code = mdb_env_open(environment, container.c_str(), MDB_NOSUBDIR | MDB_NOTLS | MDB_NORDAHEAD,
-                        0666);
-  if (memory >= 0) ::close(memory);
-  unlink(container.c_str());
-  unlink(lock.c_str());
-  rmdir(folder.c_str());
-  return code;
+  folder.container = folder.name + "/container";
+  folder.lock = folder.container + "-lock";
+  folder.memory = memfd_create("slf-lock", MFD_CLOEXEC);
+  if (folder.memory < 0 ||
+      symlink(path_of_descriptor(folder.memory).c_str(), folder.lock.c_str()) != 0 ||
+      symlink(path_of_descriptor(descriptor).c_str(), folder.container.c_str()) != 0)
+    return errno;
+  return mdb_env_open(environment, folder.container.c_str(),
+                      MDB_NOSUBDIR | MDB_NOTLS | MDB_NORDAHEAD, 0666);
 }
 
 // LMDB reports a short write as EIO. On a full disk, that is what happens first.

@@ -136,8 +136,10 @@ Result<void> TiffFile::go_to(std::uint64_t offset) {
 }
 
 Result<std::string> TiffFile::description() {
-  while (is_thumbnail())
-    if (const auto more = SLF_TRY(next()); !more) break;
+  while (is_thumbnail()) {
+    const auto more = SLF_TRY(next());
+    if (!more) break;
+  }
   return text(TIFFTAG_IMAGEDESCRIPTION);
 }
 

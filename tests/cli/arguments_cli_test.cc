@@ -134,14 +134,14 @@ TEST(Refused, CodecsThatCannotHoldTheColours) {
   EXPECT_TRUE(place.files().empty());
 }
 
-// A file without an end is refused by its first bytes.
+// A file without an end is no regular file.
 TEST(Refused, FilesWithoutAnEnd) {
   const Workplace place;
   const std::string volume = place / "a.raw";
   std::ofstream(volume) << std::string(8 * 8 * 4, '\0') + std::string(8 * 8 * 4, 'x');
   // The sanitizers need more addresses than there is memory.
   const std::string limit = testing::kSanitized ? "" : "ulimit -v 1500000;";
-  EXPECT_OUTCOME(slf({"compare", "/dev/zero", "/dev/zero"}, limit), 3, "not a PNG, JPEG");
+  EXPECT_OUTCOME(slf({"compare", "/dev/zero", "/dev/zero"}, limit), 2, "not a regular file");
   for (const std::string option :
        {"--environment", "--light-rig", "--transfer", "--labels-volume", "--mask"}) {
     const Outcome outcome = slf({"raycast", volume, "--dims", "8x8x8", "-o", place / "a.png",
