@@ -91,7 +91,8 @@ class LightSolver {
     int count = 0;
     std::array<Matter, kPoints> matter;
     std::array<double, kPoints> weight{}, depth{};
-    double total = 0;   // of the weights
+    std::array<double, kPoints> shown{};  // weights times what the matter reflects
+    double total = 0, total_shown = 0;
     double effort = 0;  // share of all paths that the node deserves
   };
 
@@ -135,6 +136,9 @@ class LightSolver {
       points.depth[points.count] = depth[k];
       points.weight[points.count] = std::max(weight[k], min_weight);
       points.total += points.weight[points.count];
+      points.shown[points.count] =
+          points.weight[points.count] * (1e-3 + glm::dot(kLuminance, matter[k].albedo));
+      points.total_shown += points.shown[points.count];
       ++points.count;
     }
     return points;
@@ -214,7 +218,7 @@ class LightSolver {
       arrivals[k] = illumination_.lights[light].incident_light(medium_.world(matter[k].start),
                                                                fraction(r3(i, 0) + shift[0]),
                                                                fraction(r3(i, 1) + shift[1]));
-      bright[k] = static_cast<float>(points.weight[k] / points.total *
+      bright[k] = static_cast<float>(points.shown[k] / points.total_shown *
                                      matter[k].kernel(arrivals[k].direction));
       total += bright[k];
     }
@@ -239,11 +243,11 @@ class LightSolver {
     ArrivingLight sum;
     const glm::dvec3 shift(random(), random(), random());
     const double first = random();
-    double passed = points.weight[0];  // systematic resampling of the points by weight
+    double passed = points.shown[0];  // systematic resampling of the points by what they show
     int k = 0;
     for (int i = 0; i < paths; ++i) {
-      while (passed < (i + first) / paths * points.total && k + 1 < points.count)
-        passed += points.weight[++k];
+      while (passed < (i + first) / paths * points.total_shown && k + 1 < points.count)
+        passed += points.shown[++k];
       const auto at = static_cast<std::uint64_t>(i);
       const Matter& matter = points.matter[k];
       if (illumination_.environment.peaked())

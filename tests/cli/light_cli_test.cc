@@ -195,7 +195,7 @@ TEST_F(LightCli, PlayShowsRadianceAsRenderDoes) {
 TEST_F(LightCli, DamagedLightIsFoundAndComputedAgain) {
   ASSERT_EQ(slf(build("a.slf")).exit_code, 0);
   std::string bytes = testing::read_text(place / "a.slf");
-  const std::size_t at = bytes.find("SLG1");
+  const std::size_t at = bytes.find("SLG2");
   ASSERT_NE(at, std::string::npos);
   bytes[at + 100] = static_cast<char>(bytes[at + 100] ^ 1);
   std::ofstream(place / "a.slf", std::ios::binary) << bytes;

@@ -48,7 +48,7 @@ TEST(SparseCopy, AFetchThatThrowsLeavesNothingClaimed) {
   source->before = [](int fetch) {
     if (fetch == 1) throw std::bad_alloc();
   };
-  EXPECT_THROW((void)(*copy)->bytes(5000, 100), std::bad_alloc);
+  EXPECT_EQ((*copy)->bytes(5000, 100).error().code, ErrorCode::out_of_memory);
   auto done = std::async(std::launch::async, [&] { expect_bytes(**copy, 5000, 100); });
   if (done.wait_for(std::chrono::seconds(10)) != std::future_status::ready) {
     std::fprintf(stderr, "the bytes still count as being fetched\n");
@@ -67,7 +67,7 @@ TEST(SparseCopy, ThreadsThatWaitForAFetchThatFailsFetchThemselves) {
     go_on.get_future().wait();
     throw std::bad_alloc();
   };
-  std::thread first([&] { EXPECT_THROW((void)(*copy)->bytes(0, 4096), std::bad_alloc); });
+  std::thread first([&] { EXPECT_FALSE((*copy)->bytes(0, 4096)); });
   begun.get_future().wait();
   std::vector<std::thread> others;
   for (std::uint64_t k = 0; k < 4; ++k)
