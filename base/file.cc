@@ -283,7 +283,8 @@ Result<std::ifstream> open_regular(const std::string& path) {
 
 Result<Bytes> read_file(const std::string& path, std::uint64_t limit, const StartCheck& check) {
   SLF_TRY(file_size(path));
-  const Descriptor file(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
+  // What took the file's place meanwhile may be a pipe, which must not be waited for.
+  const Descriptor file(::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
   if (file.get() < 0) return io_error(path, "cannot open", errno);
 
   // Reads to the end instead of relying on the size, which is 0 for the files of /proc.

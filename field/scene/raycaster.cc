@@ -36,7 +36,9 @@ LightGrid plan_of(const VolumeScene& scene) {
 
 /// usage: `path` exists and is no light volume, so it must not be replaced by one.
 Result<void> check_light_file(const std::string& path) {
-  return check_own_file(path, kLightMagic, "a light volume");
+  constexpr const char* kWhat = "a light volume";
+  if (check_own_file(path, "slf light v", kWhat)) return {};  // of earlier versions
+  return check_own_file(path, kLightMagic, kWhat);
 }
 
 /// The light volume in a file; nothing if there is none, or that of another scene.
@@ -63,7 +65,10 @@ Result<LightGrid> light_of(const VolumeScene& scene, const Medium& medium,
                              options.threads, options.progress);
   if (light && !options.file.empty()) {
     SLF_TRY(check_light_file(options.file));
-    SLF_TRY(write_file(options.file, encode_light(key, *light)));
+    const Bytes coded = encode_light(key, *light);
+    if (coded.empty())
+      return fail(ErrorCode::out_of_memory, options.file, ": no memory to code it");
+    SLF_TRY(write_file(options.file, coded));
   }
   return light;
 }
