@@ -117,7 +117,7 @@ template <class T>
 
 /// The bytes of a node: three of `mean` and three of `change`, which share an exponent; three of
 /// `arrives`; red and blue of `tint` at a luminance of 1; and the exponent. All are 0 if the node
-/// is dark.
+/// is dark. pack_light() and decode_light() make the exponent 0 to kExponents.
 inline constexpr int kExponents = 32;  // byte 11 is 1 to 32: a unit of mean is 2^(byte - 24)
 inline constexpr int kChannels = 11;
 inline constexpr float kMaxArrives = 1.25f, kMinTint = -1, kMaxTint = 2;
@@ -165,7 +165,7 @@ inline void pack_light(const ArrivingLight& light, std::uint8_t* node) {
 }
 
 [[nodiscard]] inline ArrivingLight unpack_light(const std::uint8_t* node) {
-  const NodeUnits& units = kNodeUnits[std::min<std::size_t>(node[kChannels], kExponents)];
+  const NodeUnits& units = kNodeUnits[node[kChannels]];
   const auto value = [&](std::size_t c) {
     return units.unit[c] * static_cast<float>(node[c]) + units.offset[c];
   };

@@ -2,9 +2,9 @@
 #include <gtest/gtest.h>
 
 #include <array>
-
 #include <cmath>
 #include <filesystem>
+#include <fstream>
 #include <memory>
 #include <random>
 #include <utility>
@@ -51,6 +51,12 @@ TEST(LightKept, IsKeptInAFile) {
     std::filesystem::resize_file(path, keep);
     EXPECT_TRUE(make().first) << keep;
   }
+  // A file of an earlier version is replaced; somebody else's is kept.
+  std::ofstream(path) << "slf light v5\n";
+  EXPECT_TRUE(make().first);
+  EXPECT_FALSE(make().first);
+  std::ofstream(path) << "slf knows nothing of this";
+  EXPECT_FALSE(Raycaster::make(ball(20), t, options, {1, {}, path}));
   std::filesystem::remove(path);
 }
 
