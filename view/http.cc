@@ -17,6 +17,7 @@
 #include <memory>
 
 #include "base/guarded.h"
+#include "base/lower_case.h"
 
 namespace slf::view {
 namespace {
@@ -36,13 +37,6 @@ std::string_view take_until(std::string_view& text, std::string_view end) {
   const std::string_view taken = text.substr(0, at);
   text.remove_prefix(at == std::string_view::npos ? text.size() : at + end.size());
   return taken;
-}
-
-std::string lower(std::string_view text) {
-  std::string result(text);
-  for (char& c : result)
-    if (c >= 'A' && c <= 'Z') c = static_cast<char>(c - 'A' + 'a');
-  return result;
 }
 
 bool is_name(std::string_view text) {
@@ -215,9 +209,9 @@ std::optional<Request> parse_request(std::string_view head) {
     constexpr std::string_view kSpace = " \t";
     value.remove_prefix(std::min(value.find_first_not_of(kSpace), value.size()));
     value = value.substr(0, value.find_last_not_of(kSpace) + 1);
-    request.headers.emplace_back(lower(name), value);
+    request.headers.emplace_back(lower_case(std::string(name)), value);
     if (request.headers.back().first == "connection" &&
-        lower(value).find("close") != std::string::npos)
+        lower_case(std::string(value)).find("close") != std::string::npos)
       request.keeps = false;
   }
   return request;

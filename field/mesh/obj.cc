@@ -10,6 +10,7 @@
 #include "base/try.h"
 #include "field/mesh/builder.h"
 #include "field/mesh/surface.h"
+#include "field/volume/io.h"
 #include "slf/tone.h"
 
 namespace slf {
@@ -46,7 +47,7 @@ class Lines {
       joined_ += line_;
       line_ = joined_;
     }
-    line_ = trimmed(line_);
+    line_ = volume_io::trim(line_);
     return true;
   }
   [[nodiscard]] std::string_view line() const { return line_; }
@@ -85,7 +86,8 @@ Map map_of(std::string_view text) {
     while (known != kNumbers.end() && std::ssize(numbers) < known->second) {
       std::string_view after = rest;
       const auto number = number_of(next_word(after));
-      if (!number || trimmed(after).empty()) break;  // a file may have a number for its name
+      if (!number || volume_io::trim(after).empty())
+        break;  // a file may have a number for its name
       numbers.push_back(*number);
       rest = after;
     }
@@ -94,7 +96,7 @@ Map map_of(std::string_view text) {
       if (option == "-s") map.scale[axis] = static_cast<float>(numbers[k]);
       if (option == "-o") map.offset[axis] = static_cast<float>(numbers[k]);
     }
-    text = trimmed(rest);
+    text = volume_io::trim(rest);
   }
   if (text.size() > 1 && text.starts_with('"') && text.ends_with('"'))
     text = text.substr(1, text.size() - 2);
@@ -150,7 +152,7 @@ class ObjReader {
       std::string_view rest = lines.line();
       const std::string_view word = next_word(rest);
       if (word == "mtllib") {
-        SLF_TRY(read_library(std::string(trimmed(rest))));
+        SLF_TRY(read_library(std::string(volume_io::trim(rest))));
       } else if (word == "v" || word == "vt" || word == "vn") {
         if (to_.only_files()) continue;
         std::array<double, 7> numbers{};
@@ -205,7 +207,7 @@ class ObjReader {
       const std::string word = lower_case(std::string(next_word(rest)));
       if (word == "newmtl") {
         const auto [entry, added] = names_.try_emplace(
-            std::string(trimmed(rest)), static_cast<std::uint32_t>(materials_.size()));
+            std::string(volume_io::trim(rest)), static_cast<std::uint32_t>(materials_.size()));
         if (added) materials_.emplace_back();
         if (materials_.size() > kMaxMaterials)
           return to_.error(ErrorCode::unsupported, "has more than ", kMaxMaterials, " materials");
@@ -233,13 +235,13 @@ class ObjReader {
       } else if (word == "tr") {
         to->transparency = number();
       } else if (word == "map_kd") {
-        to->color_map = map_of(trimmed(rest));
+        to->color_map = map_of(volume_io::trim(rest));
       } else if (word == "map_d") {
-        to->opacity_map = map_of(trimmed(rest));
+        to->opacity_map = map_of(volume_io::trim(rest));
       }
       const bool map = word.starts_with("map_") || word == "bump" || word == "disp" ||
                        word == "decal" || word == "refl" || word == "norm";
-      if (map && to_.only_files()) (void)to_.texture(map_of(trimmed(rest)).file, folder);
+      if (map && to_.only_files()) (void)to_.texture(map_of(volume_io::trim(rest)).file, folder);
     }
     return {};
   }
@@ -301,7 +303,7 @@ class ObjReader {
       } else if (word == "vn") {
         ++before[2];
       } else if (word == "usemtl") {
-        const auto known = names_.find(std::string(trimmed(rest)));
+        const auto known = names_.find(std::string(volume_io::trim(rest)));
         material = known == names_.end() ? none : known->second;
       } else if (word == "l" || word == "p") {
         to_.leave_out();

@@ -6,6 +6,7 @@
 #include "base/lower_case.h"
 #include "base/try.h"
 #include "field/mesh/builder.h"
+#include "field/volume/io.h"
 
 namespace slf {
 namespace {
@@ -111,7 +112,7 @@ class PlyReader {
       // In a binary file the first byte of data may be a line feed.
       const std::size_t end = rest_.find(only_cr ? '\r' : '\n');
       if (end == rest_.npos) break;
-      std::string_view words = trimmed(rest_.substr(0, end));
+      std::string_view words = volume_io::trim(rest_.substr(0, end));
       rest_.remove_prefix(end + 1);
       const std::string line(words);
       const std::string word(next_word(words));
@@ -124,7 +125,7 @@ class PlyReader {
         if (!ascii_ && !big_endian_ && name != "binary_little_endian") return malformed();
       } else if (word == "comment") {
         if (lower_case(std::string(next_word(words))) == "texturefile")
-          textures_.emplace_back(trimmed(words));
+          textures_.emplace_back(volume_io::trim(words));
       } else if (word == "element") {
         const std::string_view name = next_word(words);
         const auto count = number_of(next_word(words));

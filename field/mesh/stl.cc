@@ -4,6 +4,7 @@
 #include "base/lower_case.h"
 #include "base/try.h"
 #include "field/mesh/builder.h"
+#include "field/volume/io.h"
 
 namespace slf {
 namespace {
@@ -12,7 +13,7 @@ constexpr std::size_t kHeader = 84, kFacet = 50;
 
 /// Many programs begin binary files with "solid", too. Text has no zeros.
 bool is_text(std::string_view bytes) {
-  const std::string_view start = trimmed(bytes.substr(0, 4096));
+  const std::string_view start = volume_io::trim(bytes.substr(0, 4096));
   return lower_case(std::string(start.substr(0, 5))) == "solid" && start.find('\0') == start.npos;
 }
 
