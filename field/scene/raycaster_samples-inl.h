@@ -301,7 +301,10 @@ HWY_INLINE void shade(const RayGrid& grid, Samples<S>& samples) {
         const Floats sure =
             hn::Min(one, length2 * inverse * hn::Set(kFloats, grid.inverse_gradient_floor));
         const Floats dark = hn::Set(kFloats, 1 - grid.ambient) * (one - lambert);
-        light = light + hn::NegMulAdd(dark, sure, one);
+        Floats shown = hn::NegMulAdd(dark, sure, one);
+        if constexpr (std::is_same_v<S, float>)  // the square of a large one is not finite
+          shown = hn::IfThenElse(hn::IsFinite(length2), shown, one);
+        light = light + shown;
       }
       const Floats share = hn::Load(kFloats, samples.share[k] + i);
       hn::Store(share * light * hn::Set(kFloats, 1.f / kPoints), kFloats, samples.share[k] + i);
@@ -311,9 +314,9 @@ HWY_INLINE void shade(const RayGrid& grid, Samples<S>& samples) {
 
 /// What arrives at kLanes places, given in nodes, trilinear between them: `found` has the channels
 /// of an ArrivingLight. A node's bytes are the lanes of a vector, so each of a sample's eight nodes
-/// is one load. Finds it for the first `count` lanes, where `opacity` is above 0.
-HWY_INLINE void look_up(const LightGrid& grid, const Floats (&at)[3], const float* opacity,
-                        std::size_t count, Floats (&found)[kChannels]) {
+/// is one load. Finds it for the first `count` lanes.
+HWY_INLINE void look_up(const LightGrid& grid, const Floats (&at)[3], std::size_t count,
+                        Floats (&found)[kChannels + 1]) {
   const Ints zero = hn::Zero(kInts), one = hn::Set(kInts, 1);
   Floats share[3][2];
   Ints first = zero, step[3];
@@ -344,11 +347,10 @@ HWY_INLINE void look_up(const LightGrid& grid, const Floats (&at)[3], const floa
   const hn::Rebind<std::uint8_t, decltype(channels)> bytes;
   const hn::Rebind<std::int32_t, decltype(channels)> ints;
   constexpr std::size_t kStep = hn::MaxLanes(hn::CappedTag<float, 16>());
-  constexpr std::size_t kVectors = (kChannels + kStep - 1) / kStep;
+  constexpr std::size_t kVectors = (LightGrid::kNodeBytes + kStep - 1) / kStep;
   static_assert(kVectors * kStep <= LightGrid::kNodeBytes + LightGrid::kPadding);
-  alignas(64) float values[kChannels][kLanes] = {};
+  alignas(64) glm::vec4 blocks[3][kLanes] = {};  // of four channels
   for (std::size_t lane = 0; lane < count; ++lane) {
-    if (!(opacity[lane] > 0)) continue;
     hn::Vec<decltype(channels)> sum[kVectors];
     for (auto& v : sum) v = hn::Zero(channels);
     for (int corner = 0; corner < 8; ++corner) {
@@ -357,18 +359,20 @@ HWY_INLINE void look_up(const LightGrid& grid, const Floats (&at)[3], const floa
       const NodeUnits& units = kNodeUnits[node[kChannels]];
       const auto weight = hn::Set(channels, weights[corner][lane]);
       for (std::size_t v = 0; v < kVectors; ++v) {
-        const auto byte =
-            hn::ConvertTo(channels, hn::PromoteTo(ints, hn::LoadU(bytes, node + v * kStep)));
-        const auto value = hn::MulAdd(byte, hn::Load(channels, &units.unit[v * kStep]),
-                                      hn::Load(channels, &units.offset[v * kStep]));
-        sum[v] = hn::MulAdd(weight, value, sum[v]);
+        const auto steps = hn::PromoteTo(ints, hn::LoadU(bytes, node + v * kStep)) -
+                           hn::Load(ints, &kNodeZeros[v * kStep]);
+        sum[v] = hn::MulAdd(weight * hn::Load(channels, &units[v * kStep]),
+                            hn::ConvertTo(channels, steps), sum[v]);
       }
     }
-    alignas(64) float one_sample[kVectors * kStep];
+    alignas(64) float one_sample[16];
     for (std::size_t v = 0; v < kVectors; ++v) hn::Store(sum[v], channels, one_sample + v * kStep);
-    for (int c = 0; c < kChannels; ++c) values[c][lane] = one_sample[c];
+    for (std::size_t block = 0; block < 3; ++block)
+      std::memcpy(&blocks[block][lane], one_sample + 4 * block, sizeof blocks[block][lane]);
   }
-  for (int c = 0; c < kChannels; ++c) found[c] = hn::Load(kFloats, values[c]);
+  for (std::size_t block = 0; block < 3; ++block)
+    hn::LoadInterleaved4(kFloats, &blocks[block][0].x, found[4 * block], found[4 * block + 1],
+                         found[4 * block + 2], found[4 * block + 3]);
 }
 
 /// Finds the normals of kLanes samples, as Medium::matter does.
@@ -494,8 +498,8 @@ HWY_INLINE void find_light(const RayGrid& grid, Samples<S>& samples) {
           hn::MulAdd(at[axis] - hn::Set(kFloats, static_cast<float>(light.low[axis])),
                      hn::Set(kFloats, static_cast<float>(1 / light.spacing)), beside * aside[axis]);
     }
-    Floats found[kChannels];
-    look_up(light, nodes, samples.opacity + i, std::min(kLanes, samples.size - i), found);
+    Floats found[kChannels + 1];
+    look_up(light, nodes, std::min(kLanes, samples.size - i), found);
     // Green, from a luminance of 1.
     const Floats green =
         hn::NegMulAdd(hn::Set(kFloats, kLuminance.r / kLuminance.g), found[9],
