@@ -122,19 +122,17 @@ inline constexpr int kExponents = 32;  // byte 11 is 1 to 32: a unit of mean is 
 inline constexpr int kChannels = 11;
 inline constexpr float kMaxArrives = 1.25f, kMinTint = -1, kMaxTint = 2;
 
-/// What byte c of a node counts: its value is unit × byte + offset. Padded for vectors.
-struct NodeUnits {
-  alignas(64) std::array<float, 16> unit{}, offset{};
-};
+/// Byte c of a node counts kNodeUnits[exponent][c] × (byte - kNodeZeros[c]). Padded for vectors.
+alignas(64) inline constexpr std::array<std::int32_t, 16> kNodeZeros{0, 0, 0, 128, 128, 128,
+                                                                     0, 0, 0, 85,  85};
+struct alignas(64) NodeUnits : std::array<float, 16> {};
 inline const std::array<NodeUnits, kExponents + 1> kNodeUnits = [] {
   std::array<NodeUnits, kExponents + 1> units{};
   for (int e = 1; e <= kExponents; ++e)
-    for (std::size_t c = 0; c < kChannels; ++c) {
-      NodeUnits& u = units[static_cast<std::size_t>(e)];
-      u.unit[c] = c < 6 ? std::ldexp(c < 3 ? 1.f : 2.f, e - 24)
-                        : (c < 9 ? kMaxArrives : kMaxTint - kMinTint) / 255;
-      u.offset[c] = c >= 9 ? kMinTint : c < 3 || c > 5 ? 0 : -128 * u.unit[c];
-    }
+    for (std::size_t c = 0; c < kChannels; ++c)
+      units[static_cast<std::size_t>(e)][c] =
+          c < 6 ? std::ldexp(c < 3 ? 1.f : 2.f, e - 24)
+                : (c < 9 ? kMaxArrives : kMaxTint - kMinTint) / 255;
   return units;
 }();
 
@@ -159,15 +157,15 @@ inline void pack_light(const ArrivingLight& light, std::uint8_t* node) {
                                             light.arrives.x, light.arrives.y, light.arrives.z,
                                             tint.r,          tint.b};
   for (std::size_t c = 0; c < kChannels; ++c)
-    node[c] = static_cast<std::uint8_t>(
-        std::clamp(std::lround((values[c] - units.offset[c]) / units.unit[c]), 0L, 255L));
+    node[c] = static_cast<std::uint8_t>(std::clamp(
+        std::lround(values[c] / units[c] + static_cast<float>(kNodeZeros[c])), 0L, 255L));
   node[kChannels] = static_cast<std::uint8_t>(code);
 }
 
 [[nodiscard]] inline ArrivingLight unpack_light(const std::uint8_t* node) {
   const NodeUnits& units = kNodeUnits[node[kChannels]];
   const auto value = [&](std::size_t c) {
-    return units.unit[c] * static_cast<float>(node[c]) + units.offset[c];
+    return units[c] * static_cast<float>(node[c] - kNodeZeros[c]);
   };
   const float red = value(9), blue = value(10);
   return {{value(0), value(1), value(2)},
