@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "base/try.h"
 #include "codec/zstd_frame.h"
@@ -122,10 +123,12 @@ const TrainedModels& trained_models(bool by_sample) {
 
 std::span<const SymbolModel> ModelSet::models() const {
   std::call_once(once_, [&] {
+    std::vector<SymbolModel> made;  // whole, or none if memory is short: the next call tries again
     std::span<const std::uint8_t> left = weights_;
     for (const ModelGroup& group : groups_)
       for (std::size_t k = 0; k < group.models; ++k, left = left.subspan(group.symbols))
-        models_.emplace_back(left.first(group.symbols));
+        made.emplace_back(left.first(group.symbols));
+    models_ = std::move(made);
   });
   return models_;
 }
