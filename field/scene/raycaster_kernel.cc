@@ -13,6 +13,7 @@
 #include <hwy/foreach_target.h>  // compiles this file once per instruction set
 #include <hwy/highway.h>
 
+#include "field/scene/raycaster_light-inl.h"
 #include "field/scene/raycaster_rows-inl.h"
 #include "field/scene/raycaster_samples-inl.h"
 

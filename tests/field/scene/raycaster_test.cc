@@ -466,18 +466,27 @@ TEST(Raycaster, NormalsAreAccurateBesideMuchLargerValues) {
 }
 
 TEST(Raycaster, HugeGradientsDoNoHarm) {
-  const auto v = make_volume<float>({12, 12, 12}, ScalarType::f32,
-                                    [](int x, int y, int) { return x > 5 && y > 5 ? 3e37 : 0; });
-  const auto caster = make(v, ramp(0, 3e37, 0.5));
-  std::mt19937 random(8);
-  float seen = 0;
-  for (int k = 0; k < 500; ++k) {
-    const RaySample s = caster->trace(glm::dvec3(6) + random_place(random, 20),
-                                      glm::dvec3(6) + random_place(random, 20));
-    EXPECT_TRUE(std::isfinite(s.rgba.r + s.rgba.g + s.rgba.b + s.rgba.a + s.depth));
-    seen = std::max(seen, s.rgba.a);
-  }
-  EXPECT_GT(seen, 0.9);
+  // From gradients whose squares are not finite to those whose differences are not.
+  for (const Lighting lighting : {Lighting::direct, Lighting::global})
+    for (const auto& [low, high] : {std::pair{0.0, 3e37}, {-1.6e38, 1.6e38}}) {
+      SCOPED_TRACE(high);
+      const auto v = make_volume<float>(
+          {12, 12, 12}, ScalarType::f32,
+          [low = low, high = high](int x, int y, int) { return ((x >> 1) + (y >> 1)) % 2 ? high : low; });
+      RaycastOptions options;
+      options.lighting.mode = lighting;
+      options.lighting.samples = 2;
+      const auto caster = make(v, ramp(high / 30, high, 0.5), options);
+      std::mt19937 random(8);
+      float seen = 0;
+      for (int k = 0; k < 500; ++k) {
+        const RaySample s = caster->trace(glm::dvec3(6) + random_place(random, 20),
+                                          glm::dvec3(6) + random_place(random, 20));
+        EXPECT_TRUE(std::isfinite(s.rgba.r + s.rgba.g + s.rgba.b + s.rgba.a + s.depth));
+        seen = std::max(seen, s.rgba.a);
+      }
+      EXPECT_GT(seen, 0.9);
+    }
 }
 
 TEST(Raycaster, NonFiniteVoxelsDoNoHarm) {
