@@ -470,9 +470,10 @@ TEST(Raycaster, HugeGradientsDoNoHarm) {
   for (const Lighting lighting : {Lighting::direct, Lighting::global})
     for (const auto& [low, high] : {std::pair{0.0, 3e37}, {-1.6e38, 1.6e38}}) {
       SCOPED_TRACE(high);
-      const auto v = make_volume<float>(
-          {12, 12, 12}, ScalarType::f32,
-          [low = low, high = high](int x, int y, int) { return ((x >> 1) + (y >> 1)) % 2 ? high : low; });
+      const auto v = make_volume<float>({12, 12, 12}, ScalarType::f32,
+                                        [low = low, high = high](int x, int y, int) {
+                                          return ((x >> 1) + (y >> 1)) % 2 ? high : low;
+                                        });
       RaycastOptions options;
       options.lighting.mode = lighting;
       options.lighting.samples = 2;
