@@ -186,7 +186,7 @@ Result<void> raycast_cameras(const RaycastArguments& a) {
     return {};
   };
   const auto scene =
-      SLF_TRY(source.scene({a.threads, light_progress(OnSignal::end), source.light_file}));
+      SLF_TRY(source.scene({a.threads, light_progress(OnSignal::end), source.light_file, true}));
   const auto progress = progress_bar("raycast", "pictures", OnSignal::end);
   for (std::size_t k = 0; k < set.pictures.size(); ++k) {
     const Picture& picture = set.pictures[k];
@@ -207,7 +207,7 @@ Result<void> run_raycast(const RaycastArguments& a) {
   source.check = [&](const std::vector<std::string>& inputs) { return a.picture.check(inputs); };
   source.raycast.lighting.linear = a.picture.is_exr();
   const auto scene =
-      SLF_TRY(source.scene({a.threads, light_progress(OnSignal::end), a.source.light_file}));
+      SLF_TRY(source.scene({a.threads, light_progress(OnSignal::end), a.source.light_file, true}));
   const Sphere sphere = scene->bounds();
   const auto camera = SLF_TRY(a.camera.camera(sphere));
   const auto image = SLF_TRY(trace_view(*scene, sphere, camera, a.threads,

@@ -270,7 +270,6 @@ py::tuple raycast(const SceneHandle& handle, const CameraTuple& camera, unsigned
                   const std::optional<ToneTuple>& tone, py::object progress) {
   LongCall call(std::move(progress));
   auto image = value_of(handle.trace(call, [&]() -> Result<Image> {
-    if (auto ok = handle.scene->prepare(); !ok) return tl::unexpected(ok.error());
     auto drawn = trace_view(*handle.scene, handle.scene->bounds(), camera_of(camera), threads,
                             call.progress());
     if (drawn && tone) map_tones(*tone, *drawn);
