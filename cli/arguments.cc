@@ -206,7 +206,6 @@ void add_tone(CLI::App& command, ToneMapping& tone, const char* group) {
                             "srgb clips\nthem, none keeps linear radiance"),
          Choices<ToneCurve>{
              {"neutral", ToneCurve::neutral}, {"srgb", ToneCurve::srgb}, {"none", ToneCurve::none}})
-      ->type_name("TEXT")
       ->group(group)
       ->default_str("neutral");
 }
