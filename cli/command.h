@@ -291,10 +291,12 @@ struct SourceArguments : SceneDescription {
 /// The value, or the error with a hint at the option that settles it.
 template <class T>
 Result<T> hinted(Result<T> result) {
-  if (!result && result.error().choice)
+  if (!result && result.error().choice &&
+      !std::string_view(result.error().choice).starts_with("replace"))
     return with_hint(result.error(), hint_of(result.error().choice));
   return result;
 }
+
 /// The options that choose the part of a field to build.
 struct ShardArguments {
   std::string shard;  // "K/N" or "auto"; empty: not given

@@ -155,8 +155,10 @@ VolumeHandle volume_of(const py::array& array, const Triple& origin,
   for (py::ssize_t axis = 0; axis < 3; ++axis) {
     const py::ssize_t size = array.shape(2 - axis);
     if (size < 2 || size > std::numeric_limits<std::int32_t>::max())
-      throw py::value_error("an array of shape " + std::string(py::str(array.attr("shape"))) +
-                            ": expected 2 to 2^31 voxels along each axis");
+      throw Failure({ErrorCode::usage, "an array of shape " +
+                                           std::string(py::str(array.attr("shape"))) +
+                                           ": expected 2 to 2^31 voxels along each axis"},
+                    "");
     volume->dims[static_cast<std::size_t>(axis)] = static_cast<std::uint32_t>(size);
     volume->axes[static_cast<int>(axis)] = vector_of(axes[static_cast<std::size_t>(axis)]);
   }

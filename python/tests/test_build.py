@@ -503,15 +503,16 @@ def test_python_runs_while_slf_works(tmp_path):
         thread.join()
 
 
-def test_notes_are_warnings(voxels, tmp_path):
+def test_notes_are_warnings(tmp_path):
     ids = np.zeros((8, 8, 32), np.uint8)
     ids[2:6, 2:6, 4:14], ids[2:6, 2:6, 14:28] = 3, 17
     with pytest.warns(UserWarning, match="look like labels") as caught:
         slf.raycast(ids, size=(8, 8))
     assert caught[0].filename == __file__
-    file = tmp_path / "a.nii"
-    write_nifti(file, np.asfortranarray(voxels.T), np.diag([0, 0, 0, 1]))
-    with pytest.warns(UserWarning, match="a.nii: "):
+    file = tmp_path / "a.nrrd"
+    file.write_bytes(b"NRRD0004\ntype: uchar\ndimension: 3\nsizes: 2 2 2\nencoding: raw\n\n"
+                     b"12345678")
+    with pytest.warns(UserWarning, match="a.nrrd: it states no spacing"):
         slf.raycast(file, size=(8, 8))
 
 
