@@ -24,7 +24,6 @@ Result<void> run_build(const Arguments& arguments) {
   const std::string output = name_of_part(arguments.output, shard);
   SourceArguments source = arguments.source;
   source.finish(options.threads, OnSignal::stop);
-  source.light_volume.deferred = true;
   source.check = [&](const std::vector<std::string>& inputs) {
     return check_output(output, inputs);
   };

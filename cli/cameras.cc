@@ -36,7 +36,6 @@ Result<Sphere> sphere_of(
   }
   SourceArguments source = a.source;
   source.finish(0, OnSignal::end);
-  source.light_volume.deferred = true;
   source.check = check;
   const auto scene = SLF_TRY(hinted(make_scene(source)));
   return scene->bounds();

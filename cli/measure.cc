@@ -223,7 +223,6 @@ Result<void> run_evaluate(const EvaluateArguments& a) {
   const auto view = SLF_TRY(a.draw.view(field, cameras.front()));
   SourceArguments source = a.source;
   source.finish(a.draw.threads, OnSignal::end);
-  source.light_volume.deferred = true;
   source.truth_of = field.provenance();
   const auto scene = SLF_TRY(hinted(make_scene(source)));
   if (const auto light = field.light(); !light)

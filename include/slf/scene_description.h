@@ -61,7 +61,7 @@ struct SceneDescription {
   std::optional<glm::dvec3> light{};   ///< direction, also of the first light of a rig
   std::string light_rig{};             ///< for read_rig(); empty: the default
   std::string environment{};           ///< picture of surroundings; empty: the sky of the rig
-  LightVolumeOptions light_volume{};
+  LightVolumeOptions light_volume{.deferred = true};
   bool reference = false;  ///< a PathTracer, instead of a light volume
   PathTraceOptions paths{};
   UpAxis up_axis = UpAxis::by_format;  ///< of meshes

@@ -155,10 +155,10 @@ VolumeHandle volume_of(const py::array& array, const Triple& origin,
   for (py::ssize_t axis = 0; axis < 3; ++axis) {
     const py::ssize_t size = array.shape(2 - axis);
     if (size < 2 || size > std::numeric_limits<std::int32_t>::max())
-      throw Failure({ErrorCode::usage, "an array of shape " +
-                                           std::string(py::str(array.attr("shape"))) +
-                                           ": expected 2 to 2^31 voxels along each axis"},
-                    "");
+      throw Failure(
+          {ErrorCode::usage, "an array of shape " + std::string(py::str(array.attr("shape"))) +
+                                 ": expected 2 to 2^31 voxels along each axis"},
+          "");
     volume->dims[static_cast<std::size_t>(axis)] = static_cast<std::uint32_t>(size);
     volume->axes[static_cast<int>(axis)] = vector_of(axes[static_cast<std::size_t>(axis)]);
   }
@@ -339,7 +339,6 @@ SceneHandle described_scene(const py::dict& settings, py::list notes) {
   }
   if (description.depth_cache == "none") description.depth_cache.reset();
   description.light_volume.progress = LightProgress::report;
-  description.light_volume.deferred = true;
   const auto found = std::make_shared<Texts>();
   description.on_note = [found](const std::string& note, const char* choice) {
     found->emplace_back(choice ? note + "; see the setting " + choice : note);
@@ -356,8 +355,7 @@ SceneHandle described_scene(const py::dict& settings, py::list notes) {
 py::tuple raycast(const SceneHandle& handle, const CameraTuple& camera, unsigned threads,
                   py::object progress) {
   LongCall call(std::move(progress));
-  auto image = value_of(handle.trace(call, [&]() -> Result<Image> {
-    if (auto ok = handle.scene->prepare(); !ok) return tl::unexpected(ok.error());
+  auto image = value_of(handle.trace(call, [&] {
     return trace_view(*handle.scene, handle.scene->bounds(), camera_of(camera), threads,
                       call.progress());
   }));

@@ -27,7 +27,6 @@ std::shared_ptr<const Volume> ball() {
 SceneDescription description() {
   SceneDescription d;
   d.volume = ball();
-  d.light_volume.deferred = true;
   return d;
 }
 
