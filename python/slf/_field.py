@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import atexit
+import contextlib
 import json
 import os
 import warnings
 import weakref
 from types import TracebackType
-from typing import (TYPE_CHECKING, Any, Callable, List, Optional, Sequence, Tuple, Type, Union,
-                    Unpack, overload)
+from typing import (Any, Callable, Iterator, List, Optional, Sequence, Tuple, Type, Union, Unpack,
+                    overload)
 
 import numpy as np
 
@@ -17,12 +18,10 @@ from . import _slf
 from ._errors import UsageError
 from ._notebook import View, bundle
 from ._progress import Progress, reporter
+from ._source import SourceSettings, scene_of
 from ._types import (BuildReport, Camera, Content, Difference, Evaluation, Frame, Measurement,
                      MergeReport, Orbit, Picture, RepackReport, Shape, Sphere, Tile, Tone,
                      VerifyReport, finite, orbit)
-
-if TYPE_CHECKING:
-    from ._source import SourceSettings
 
 Path = Union[str, "os.PathLike[str]"]
 AnyCamera = Union[Orbit, Camera]
@@ -303,13 +302,11 @@ class Field:
         settings: say how to read it, as in slf.build(). Light, rays and, unless it is given, the
             transfer function are those of the field; rays have a step of at most 0.5 voxels.
         """
-        from ._source import scene_of
-        number = self._level(level)
         with scene_of(scene, truth_of=self._field.provenance, **settings) as handle:
             with reporter(progress, "evaluate") as report:
                 evaluation = _slf.evaluate(
                     self._field, handle, self._cameras(cameras, size, distance), mode,
-                    self.finest_level if number is None else number, supersample, report)
+                    self._level(level), supersample, report)
         if evaluation.differs:
             warnings.warn(f"{self.path} was built from another source ({evaluation.differs} "
                           "differs): the figures compare two different objects", stacklevel=2)
@@ -416,19 +413,14 @@ def verify(field: Union[Field, Path], *, quick: bool = False, fix: bool = False,
         return _slf.verify(path, handle, quick, fix, threads, report)
 
 
-class _Opened:
-    """A field that was given as a path is open only as long as the call."""
-
-    def __init__(self, field: Union[Field, Path]) -> None:
-        self._mine = not isinstance(field, Field)
-        self.field = field if isinstance(field, Field) else Field(field)
-
-    def __enter__(self) -> Field:
-        return self.field
-
-    def __exit__(self, *raised: Any) -> None:
-        if self._mine:
-            self.field.close()
+@contextlib.contextmanager
+def _opened(field: Union[Field, Path]) -> Iterator[Field]:
+    """A field that is given as a path is open only as long as the call."""
+    if isinstance(field, Field):
+        yield field
+        return
+    with Field(field) as mine:
+        yield mine
 
 
 def repack(field: Union[Field, Path], out: Path, *, codec: str = "", depth: bool = True,
@@ -441,7 +433,7 @@ def repack(field: Union[Field, Path], out: Path, *, codec: str = "", depth: bool
     color_type: "u8" or "half".  light: keep the scene's light.  progress: counts tiles.
     """
     half = None if color_type is None else is_half(color_type)
-    with _Opened(field) as source, reporter(progress, "repack") as report:
+    with _opened(field) as source, reporter(progress, "repack") as report:
         return _slf.repack(source._field, path_text(out), codec, depth, finest_level,
                            sorted(subfields), half, light, memory, threads, force, report)
 
@@ -457,7 +449,7 @@ def merge(parts: Sequence[Path], out: Path, *, part: bool = False, memory: int =
 def diff(a: Union[Field, Path], b: Union[Field, Path], *, threads: int = 0,
          progress: Progress = None) -> Difference:
     """Compares two fields tile by tile."""
-    with _Opened(a) as left, _Opened(b) as right, reporter(progress, "diff") as report:
+    with _opened(a) as left, _opened(b) as right, reporter(progress, "diff") as report:
         return _slf.diff(left._field, right._field, threads, report)
 
 
