@@ -7,7 +7,7 @@
 namespace slf::cli {
 namespace {
 
-struct Arguments {
+struct BuildArguments {
   SourceArguments source;
   ShardArguments shard;
   std::string output;
@@ -17,7 +17,7 @@ struct Arguments {
   std::vector<double> center;  // empty: the scene's bounds
 };
 
-Result<void> run_build(const Arguments& arguments) {
+Result<void> run_build(const BuildArguments& arguments) {
   BuildOptions options = arguments.build;
   const auto shard = SLF_TRY(arguments.shard.options());
   options.shard = shard;
@@ -53,7 +53,7 @@ Result<void> run_build(const Arguments& arguments) {
 void add_build(CLI::App& app, Run& run) {
   auto* command = app.add_subcommand(
       "build", "Build a field from a volume, a mesh or pictures; resumes if interrupted");
-  auto a = std::make_shared<Arguments>();
+  auto a = std::make_shared<BuildArguments>();
   a->source.add_volume_to(*command, "INPUT");
   a->source.add_light_to(*command);
   a->source.add_pictures_to(*command);

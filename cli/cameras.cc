@@ -8,7 +8,7 @@
 namespace slf::cli {
 namespace {
 
-struct Arguments {
+struct CamerasArguments {
   SourceArguments source;
   std::vector<double> sphere;  // x, y, z, radius; empty: the input's
   std::uint32_t count = 100, test = 0;
@@ -20,7 +20,8 @@ struct Arguments {
 
 /// `check` is given the files that the sphere is read from.
 Result<Sphere> sphere_of(
-    const Arguments& a, const std::function<Result<void>(const std::vector<std::string>&)>& check) {
+    const CamerasArguments& a,
+    const std::function<Result<void>(const std::vector<std::string>&)>& check) {
   SLF_TRY(check({a.source.input}));
   if (!a.sphere.empty()) {
     if (!(a.sphere[3] > 0))
@@ -41,7 +42,7 @@ Result<Sphere> sphere_of(
   return scene->bounds();
 }
 
-Result<void> run_cameras(const Arguments& a) {
+Result<void> run_cameras(const CamerasArguments& a) {
   const std::filesystem::path path(a.output);
   const std::string test =
       (path.parent_path() / (path.stem().string() + "_test" + path.extension().string())).string();
@@ -65,7 +66,7 @@ Result<void> run_cameras(const Arguments& a) {
 void add_cameras(CLI::App& app, Run& run) {
   auto* command = app.add_subcommand(
       "cameras", "Cameras around an object, as transforms.json, for any renderer to fill in");
-  auto a = std::make_shared<Arguments>();
+  auto a = std::make_shared<CamerasArguments>();
   a->source.add_volume_to(*command, "INPUT");
   command->get_option("INPUT")->required(false)->description(
       "Field, volume or mesh to surround with cameras; or --sphere");

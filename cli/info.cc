@@ -9,7 +9,7 @@
 namespace slf::cli {
 namespace {
 
-struct Arguments {
+struct InfoArguments {
   SourceArguments source;
   bool json = false;
 };
@@ -264,7 +264,7 @@ SeriesList series_of(const std::string& path) {
   return list_series(path).value_or(SeriesList{});
 }
 
-Result<void> run_info(const Arguments& arguments) {
+Result<void> run_info(const InfoArguments& arguments) {
   SourceArguments source = arguments.source;
   source.finish(0, OnSignal::end);
   const std::string& input = source.input;
@@ -312,7 +312,7 @@ Result<void> run_info(const Arguments& arguments) {
 void add_info(CLI::App& app, Run& run) {
   auto* command = app.add_subcommand(
       "info", "What a field (.slf), pictures, a mesh or a volume (anything else) holds");
-  auto a = std::make_shared<Arguments>();
+  auto a = std::make_shared<InfoArguments>();
   command
       ->add_option(
           "INPUT", a->source.input,

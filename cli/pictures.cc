@@ -5,7 +5,7 @@
 namespace slf::cli {
 namespace {
 
-struct Arguments {
+struct PicturesArguments {
   std::string what;
   SourceArguments source;
   std::vector<double> center;
@@ -16,7 +16,7 @@ struct Arguments {
   bool force = false;
 };
 
-Result<void> run_pictures(const Arguments& a) {
+Result<void> run_pictures(const PicturesArguments& a) {
   SourceArguments source = a.source;
   if (!source.is_pictures()) source.input = "pictures:" + source.input;
   if (a.center.empty() != (a.radius == 0))
@@ -44,7 +44,7 @@ Result<void> run_pictures(const Arguments& a) {
 void add_pictures(CLI::App& app, Run& run) {
   auto* command = app.add_subcommand(
       "pictures", "Shows what is known of pictures with cameras, as a contact sheet");
-  auto a = std::make_shared<Arguments>();
+  auto a = std::make_shared<PicturesArguments>();
   command->add_option("WHAT", a->what, "depth: depths, and how many other pictures confirm them")
       ->check(CLI::IsMember({"depth"}))
       ->required();
