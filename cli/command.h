@@ -251,9 +251,9 @@ CLI::Option* add_subfields(CLI::App& command, Subfields& subfields, const std::s
                                             const std::vector<std::string>& inputs);
 
 /// The inputs that are volumes.
-inline constexpr const char* kVolumeHelp =
-    "Volume: NIfTI, Analyze, MGH, NRRD, MetaImage, TIFF, VTI, VTK, MRC, NumPy (also\n"
-    "in gzip, bzip2, xz or zstd), a DICOM folder or one of its files, a folder of\n"
+inline const std::string kVolumeHelp =
+    "Volume: " + volume_format_names() +
+    " (also\nin gzip, bzip2, xz or zstd), a DICOM folder or one of its files, a folder of\n"
     "PNGs, JPEGs or TIFFs, or raw with --dims";
 inline constexpr const char* kVolumeGroup = "Volume";
 inline constexpr const char* kMeshHelp = "Mesh: .glb, .gltf, .obj, .ply, .stl";

@@ -54,7 +54,7 @@ CLI::Option* add_numbers(CLI::App& command, const char* name, int count, char de
 void SourceArguments::add_volume_to(CLI::App& command, const char* name) {
   command
       .add_option(name, input,
-                  std::string(kVolumeHelp) + ", or\n" + kMeshHelp + ", or\n" +
+                  kVolumeHelp + ", or\n" + kMeshHelp + ", or\n" +
                       "pictures:FOLDER or pictures:JSON, with cameras (doc/pictures.md), or\n"
                       "scene:balls, scene:globe, scene:fog")
       ->type_name(kAnyFile)
