@@ -76,10 +76,6 @@ struct RayCounts {
 /// or of another type, has its default.
 [[nodiscard]] RaycastOptions raycast_options(std::string_view provenance);
 
-/// How to show a field with this provenance, whose colours are linear radiance; none if they are
-/// colours as pictures have them.
-[[nodiscard]] std::optional<ToneMapping> view_tone(std::string_view provenance);
-
 /// trace_many() fills the CPU's vector units; trace(), with one ray, leaves them mostly idle.
 /// Thread-safety: immutable; any thread.
 class Raycaster final : public Scene {

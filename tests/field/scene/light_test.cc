@@ -437,7 +437,7 @@ TEST(Light, RaysComputeWhatTheyNeed) {
     ASSERT_TRUE(whole) << whole.error().message;
     const std::uint64_t all = std::exchange(most, 0);
     const Sphere bounds = (*whole)->bounds();
-    const Camera camera = Camera::orbit(bounds, 30, 20, 3, 60, 40);
+    const Camera camera = orbit_camera(bounds, 30, 20, 3, 60, 40);
     const Image truth = *trace_view(**whole, bounds, camera);
     // A view, and rays alone.
     const auto some = Raycaster::make(ball(48), t, options, {3, count, {}, true});
