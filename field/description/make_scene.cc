@@ -48,8 +48,7 @@ Result<RaycastOptions> rays_of(const SceneDescription& d, const json& built) {
     options.lighting.mode = d.lighting.value_or(direct ? Lighting::direct : Lighting::global);
   } else {
     options = raycast_options(built.dump());
-    if (d.environment.empty() &&
-        built.value("/lighting/environment"_json_pointer, json()) != json())
+    if (d.environment.empty() && built.contains("/lighting/environment"_json_pointer))
       return fail_without("environment", ErrorCode::usage,
                           "the field was lit by an environment picture: name the same file");
   }
