@@ -190,9 +190,11 @@ const std::string& Field::codec() const { return file_->manifest().codec; }
 std::optional<TileRange> Field::part() const { return file_->manifest().part; }
 std::string Field::provenance() const { return file_->manifest().provenance->dump(); }
 bool Field::linear() const {
-  const nlohmann::json light = file_->manifest().provenance->value("lighting", nlohmann::json());
-  return light.is_object() && light.value("linear", nlohmann::json()) == true &&
-         light.value("mode", "direct") != "direct";
+  const nlohmann::json none;
+  const nlohmann::json light = file_->manifest().provenance->value("lighting", none);
+  if (!light.is_object() || light.value("linear", none) != true) return false;
+  const nlohmann::json mode = light.value("mode", none);
+  return mode == "shadowed" || mode == "global";
 }
 Result<std::vector<std::byte>> Field::light() const {
   return guarded([&]() -> Result<std::vector<std::byte>> {

@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <cmath>
+#include <filesystem>
 #include <nlohmann/json.hpp>
 #include <tuple>
 #include <utility>
@@ -47,8 +48,7 @@ Result<RaycastOptions> rays_of(const SceneDescription& d, const json& built) {
     options.lighting.mode = d.lighting.value_or(direct ? Lighting::direct : Lighting::global);
   } else {
     options = raycast_options(built.dump());
-    if (d.environment.empty() &&
-        built.value("/lighting/environment"_json_pointer, json()) != json())
+    if (d.environment.empty() && built.contains("/lighting/environment"_json_pointer))
       return fail_without("environment", ErrorCode::usage,
                           "the field was lit by an environment picture: name the same file");
   }
@@ -218,7 +218,10 @@ std::vector<std::string> SceneDescription::files() const {
 Result<Volume> read_volume(const SceneDescription& d) {
   auto volume = read_volume(d.input, d.reading);
   if (volume || volume.error().code == ErrorCode::not_found) return volume;
-  if (read_pictures(d.input))
+  std::error_code ignored;
+  const bool may_have_cameras = d.input.ends_with(".json") || d.input.ends_with(".csv") ||
+                                std::filesystem::is_directory(d.input, ignored);
+  if (may_have_cameras && read_pictures(d.input))
     return fail(ErrorCode::bad_file, d.input, ": has pictures with cameras, not a volume: name it ",
                 kPicturesPrefix, d.input);
   if (d.reading.raw && volume.error().choice && std::string_view(volume.error().choice) == "raw")

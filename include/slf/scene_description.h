@@ -70,8 +70,9 @@ struct SceneDescription {
   PictureSceneOptions pictures{};
   std::optional<std::string> depth_cache{};  ///< none: no file; empty: depth_cache_of() the set
 
-  /// The provenance of a field to compare with. Rays, light and transfer function are then those
-  /// of the field, unless stated, with a step of at most 0.5. Files must be named again.
+  /// The provenance of a field to compare with. Rays and light are then those of the field, but for
+  /// what `ambient` to `environment` state, and so is the transfer function, unless one is stated.
+  /// The step is at most 0.5. Files must be named again.
   std::string truth_of{};
 
   /// Gets what people should know, and the member that would settle it, or null.

@@ -88,8 +88,7 @@ py::object diff(const OpenField& a, const OpenField& b, unsigned threads, py::ob
 
 py::object evaluate(const OpenField& open, const SceneHandle& handle,
                     const std::vector<CameraTuple>& cameras, const std::optional<std::string>& mode,
-                    std::optional<unsigned> level, std::uint32_t supersample,
-                    py::object progress) {
+                    std::optional<unsigned> level, std::uint32_t supersample, py::object progress) {
   EvaluateOptions options{cameras_of(cameras)};
   options.view.mode = mode ? value_of(parse_render_mode(*mode)) : default_mode(open.field());
   options.view.level = level.value_or(kMatchingLevel);
