@@ -75,7 +75,6 @@ class GltfReader {
     for (const JsonValue& name : root_["extensionsUsed"].items())
       if (!is_read(name.text()))
         to_.note("the glTF extension " + std::string(name.text()) + " is not read");
-    if (to_.only_files()) return list_files();
     for (const auto& [list, name] : {std::pair{&buffers_, "buffers"},
                                      {&views_, "bufferViews"},
                                      {&accessors_, "accessors"},
@@ -146,15 +145,6 @@ class GltfReader {
     json_ = CompactJson::parse(json_text);
     if (!json_) return wrong("its JSON is damaged or truncated");
     root_ = json_->root();
-    return {};
-  }
-
-  Result<void> list_files() {
-    for (const char* list : {"buffers", "images"})
-      for (const JsonValue& item : root_[list].items()) {
-        const std::string uri(item["uri"].text());
-        if (!uri.empty() && !uri.starts_with("data:")) (void)to_.texture(uri);
-      }
     return {};
   }
 
