@@ -17,7 +17,7 @@ Result<void> run_merge(const MergeArguments& a) {
   keep_freed_memory();
   const auto report =
       merge_fields(a.parts, a.output, a.merge, progress_bar("merge", "tiles", OnSignal::stop));
-  if (!report && report.error().message.starts_with("no part holds"))
+  if (!report && report.error().choice && std::string_view(report.error().choice) == "part")
     return with_hint(report.error(), "build them, or let the output be a part with --part");
   if (!report) return tl::unexpected(report.error());
   if (a.json)

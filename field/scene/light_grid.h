@@ -87,7 +87,7 @@ struct LightGrid {
   double spacing = 1;               ///< voxels
   std::vector<GridLight> lights;    ///< at most kGridLights
   std::vector<std::uint8_t> nodes;  ///< node_bytes(); empty: no light volume
-  /// Receives the nodes with the exponent kMissing that are looked up; null: there are none.
+  /// Receives the nodes with the exponent kMissingNode that are looked up; null: there are none.
   MissedNodes* missed = nullptr;
 
   [[nodiscard]] std::size_t size() const {
@@ -153,10 +153,10 @@ template <class T>
 
 /// The bytes of a node: three of `mean` and three of `change`, which share an exponent; three of
 /// `arrives`; red and blue of `tint` at a luminance of 1; and the exponent. All are 0 if the node
-/// is dark. pack_light() and decode_light() make the exponent 0 to kExponents; it is kMissing until
+/// is dark. pack_light() and decode_light() make the exponent 0 to kExponents; it is kMissingNode until
 /// the node is computed.
 inline constexpr int kExponents = 32;  // byte 11 is 1 to 32: a unit of mean is 2^(byte - 24)
-inline constexpr int kMissing = kExponents + 1;
+inline constexpr int kMissingNode = kExponents + 1;
 inline constexpr int kChannels = 11;
 inline constexpr float kMaxArrives = 1.25f, kMinTint = -1, kMaxTint = 2;
 
@@ -164,14 +164,14 @@ inline constexpr float kMaxArrives = 1.25f, kMinTint = -1, kMaxTint = 2;
 alignas(64) inline constexpr std::array<std::int32_t, 16> kNodeZeros{0, 0, 0, 128, 128, 128,
                                                                      0, 0, 0, 85,  85};
 struct alignas(64) NodeUnits : std::array<float, 16> {};
-inline const std::array<NodeUnits, kMissing + 1> kNodeUnits = [] {
-  std::array<NodeUnits, kMissing + 1> units{};
+inline const std::array<NodeUnits, kMissingNode + 1> kNodeUnits = [] {
+  std::array<NodeUnits, kMissingNode + 1> units{};
   for (int e = 1; e <= kExponents; ++e)
     for (std::size_t c = 0; c < kChannels; ++c)
       units[static_cast<std::size_t>(e)][c] =
           c < 6 ? std::ldexp(c < 3 ? 1.f : 2.f, e - 24)
                 : (c < 9 ? kMaxArrives : kMaxTint - kMinTint) / 255;
-  units[kMissing].fill(std::numeric_limits<float>::quiet_NaN());
+  units[kMissingNode].fill(std::numeric_limits<float>::quiet_NaN());
   return units;
 }();
 
@@ -229,7 +229,7 @@ inline void pack_light(const ArrivingLight& light, std::uint8_t* node) {
         (static_cast<std::size_t>(n.z) * light.dims[1] + n.y) * light.dims[0] + n.x;
     const std::uint8_t* node = light.nodes.data() + LightGrid::kNodeBytes * number;
     if (node[kChannels] == 0) return std::nullopt;
-    if (node[kChannels] == kMissing) light.missed->add(number);
+    if (node[kChannels] == kMissingNode) light.missed->add(number);
     const glm::vec3 share = glm::mix(1.f - w, w, glm::vec3(step));
     sum += share.x * share.y * share.z * unpack_light(node);
   }

@@ -488,7 +488,7 @@ Result<void> LightComputer::prepare() {
         near_matter(medium_.grid(), blank_, node_at(blank_, number))) {
       index_[number] = static_cast<std::uint32_t>(numbers_.size());
       numbers_.push_back(number);
-      blank_.nodes[LightGrid::kNodeBytes * number + kChannels] = kMissing;
+      blank_.nodes[LightGrid::kNodeBytes * number + kChannels] = kMissingNode;
     }
   nodes_.resize(numbers_.size());
   passes_ = {{options_.samples, 0, nullptr}};
@@ -529,7 +529,7 @@ std::vector<std::size_t> LightComputer::spread(std::vector<std::size_t> numbers,
 Result<void> LightComputer::fill(LightGrid& light, const Pass& pass,
                                  std::vector<std::size_t> wanted, Reporter& progress) {
   std::erase_if(wanted, [&](std::size_t number) {
-    return light.nodes[LightGrid::kNodeBytes * number + kChannels] != kMissing;
+    return light.nodes[LightGrid::kNodeBytes * number + kChannels] != kMissingNode;
   });
   if (wanted.empty()) return {};
   const auto around = spread(wanted, kFilterReach);

@@ -358,7 +358,7 @@ HWY_INLINE void look_up(const LightGrid& grid, const Floats (&at)[3], Floats opa
     for (int corner = 0; corner < 8; ++corner) {
       const std::uint8_t* node =
           grid.nodes.data() + LightGrid::kNodeBytes * static_cast<std::size_t>(nodes[corner][lane]);
-      if (HWY_UNLIKELY(node[kChannels] == kMissing))
+      if (HWY_UNLIKELY(node[kChannels] == kMissingNode))
         grid.missed->add(static_cast<std::size_t>(nodes[corner][lane]));
       const NodeUnits& units = kNodeUnits[node[kChannels]];
       const auto weight = hn::Set(channels, weights[corner][lane]);
