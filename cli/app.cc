@@ -113,6 +113,7 @@ std::unique_ptr<CLI::App> make_app(Run& run) {
   add_pictures(*app, run);
   add_info(*app, run);
   add_render(*app, run);
+  add_pick(*app, run);
   add_play(*app, run);
   add_raycast(*app, run);
   add_measure(*app, run);

@@ -40,6 +40,7 @@ void add_cameras(CLI::App& app, Run& run);
 void add_info(CLI::App& app, Run& run);
 void add_pictures(CLI::App& app, Run& run);
 void add_render(CLI::App& app, Run& run);
+void add_pick(CLI::App& app, Run& run);
 void add_raycast(CLI::App& app, Run& run);
 void add_compare(CLI::App& app, Run& run);
 void add_play(CLI::App& app, Run& run);

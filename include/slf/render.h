@@ -123,6 +123,22 @@ class Renderer {
   std::unique_ptr<State> state_;
 };
 
+/// A point of the surface that a picture shows.
+struct PickedPoint {
+  glm::dvec3 point{0.0};  ///< world
+  double depth = 0;       ///< its distance from the eye, in world units
+  /// The standard deviation of the depth, in world units: from the steps of stored depths, and from
+  /// how much the depths of rays differ that are one sample apart.
+  double uncertainty = 0;
+};
+
+/// The point that a camera's picture shows at (x, y), in pixels from its upper left corner: centres
+/// of pixels are at halves. None if the picture is less than half opaque there. Reads the finest
+/// level. usage: an invalid camera, a place outside the picture, or a field without depths.
+/// bad_file: a damaged tile.
+[[nodiscard]] Result<std::optional<PickedPoint>> pick(Renderer& renderer, const Camera& camera,
+                                                      double x, double y);
+
 /// The coarsest level whose samples are at least as dense as the camera's pixels, or the finest
 /// level if none is. Densities are compared at the centre of the sphere: there, the lines from a
 /// vertex to two neighbouring vertices on the other side must be no further apart than the rays of

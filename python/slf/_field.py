@@ -20,8 +20,8 @@ from ._notebook import View, bundle
 from ._progress import Progress, reporter
 from ._source import SourceSettings, scene_of
 from ._types import (BuildReport, Camera, Content, Difference, Evaluation, Frame, Measurement,
-                     MergeReport, Orbit, Picture, RepackReport, Shape, Sphere, Tile, Tone,
-                     VerifyReport, finite, orbit)
+                     MergeReport, Orbit, PickedPoint, Picture, RepackReport, Shape, Sphere, Tile,
+                     Tone, VerifyReport, finite, orbit)
 
 Path = Union[str, "os.PathLike[str]"]
 AnyCamera = Union[Orbit, Camera]
@@ -228,6 +228,18 @@ class Field:
                                               self._level(level), depth, tone, display)
         picture = finished_picture(colors, dtype, background)
         return Picture(picture, distance) if depth else picture
+
+    def pick(self, x: float, y: float, camera: AnyCamera = orbit(),
+             size: Size = (512, 512)) -> Optional[PickedPoint]:
+        """The point of the surface that a picture shows at a place; None if it is less than half
+        opaque there.
+
+        x, y: in pixels from the upper left corner; centres of pixels are at halves.
+        camera, size: of the picture, as in render().
+
+        Raises slf.UsageError for a place outside the picture, and for a field without depths.
+        """
+        return self._field.pick(camera_tuple(self.sphere, camera, size), x, y)
 
     def thumbnail(self, size: int = 256,
                   background: Optional[Sequence[float]] = (0, 0, 0)) -> np.ndarray:

@@ -5,7 +5,7 @@ from typing import Any, List, Optional, Sequence, Tuple
 import numpy as np
 
 from ._types import (BuildReport, Content, Difference, Evaluation, Frame, Measurement,
-                     MergeReport, RepackReport, Shape, Sphere, Tile, Tone, VerifyReport)
+                     MergeReport, PickedPoint, RepackReport, Shape, Sphere, Tile, Tone, VerifyReport)
 
 version: str
 
@@ -27,6 +27,7 @@ class Field:
     def render(self, camera: _Camera, mode: Optional[str], level: Optional[int], depth: bool,
                tone: Optional[Tone], display: bool,
                memory: Optional[int] = ...) -> Tuple[np.ndarray, Any]: ...
+    def pick(self, camera: _Camera, x: float, y: float) -> Optional[PickedPoint]: ...
     def tiles(self, first_level: int, last_level: Optional[int], missing: bool) -> List[Tile]: ...
     def tile(self, level: int, entry: int, exit: int, channel: str) -> np.ndarray: ...
     def measure(self, cameras: Sequence[_Camera], mode: Optional[str], levels: Sequence[int],

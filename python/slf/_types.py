@@ -126,6 +126,17 @@ class Picture(NamedTuple):
     """float32 [height, width]: distance from the eye in world units, infinite where nothing is."""
 
 
+class PickedPoint(NamedTuple):
+    """A point of the surface that a picture shows."""
+
+    point: Point
+    """In world units."""
+    depth: float
+    """Its distance from the eye, in world units."""
+    uncertainty: float
+    """The standard deviation of the depth, in world units."""
+
+
 class Finding(NamedTuple):
     kind: str
     """S1, M1, R1, K1, T1, T2, T3 or C1, as `slf verify` prints them."""

@@ -73,6 +73,16 @@ py::tuple render(OpenField& open, const CameraTuple& camera, const std::optional
   return py::make_tuple(colors, depths_of(image));
 }
 
+py::object pick(OpenField& open, const CameraTuple& camera, double x, double y) {
+  LongCall call;
+  const auto found = value_of(call.without_gil([&] { return open.pick(camera_of(camera), x, y); }),
+                              open.field().path());
+  if (!found) return py::none();
+  const glm::dvec3& p = found->point;
+  return tuple_named("PickedPoint", py::make_tuple(p.x, p.y, p.z), found->depth,
+                     found->uncertainty);
+}
+
 // ---- tiles -------------------------------------------------------------------------------------
 
 py::list tiles(const OpenField& open, unsigned first_level, std::optional<unsigned> last_level,
@@ -261,6 +271,7 @@ void bind_fields(py::module_& module) {
       .def("content", content)
       .def("render", render, py::arg("camera"), py::arg("mode"), py::arg("level"), py::arg("depth"),
            py::arg("tone"), py::arg("display"), py::arg("memory") = py::none())
+      .def("pick", pick, py::arg("camera"), py::arg("x"), py::arg("y"))
       .def("tiles", tiles, py::arg("first_level"), py::arg("last_level"), py::arg("missing"))
       .def("tile", tile, py::arg("level"), py::arg("entry"), py::arg("exit"), py::arg("channel"))
       .def("measure", measure, py::arg("cameras"), py::arg("mode"), py::arg("levels"),

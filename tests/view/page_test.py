@@ -617,7 +617,8 @@ class PageTest(unittest.TestCase):
                 return most;
               };
               const green = (frame, i) => frame[i] < 40 && frame[i + 1] > 215 && frame[i + 2] < 40;
-              const finished = steps(last), coarse = film.find((f) => f.some((v, i) => v !== f[i % 4]));
+              const finished = steps(last);
+              const coarse = film.find((f) => f.some((v, i) => v !== f[i % 4]));
               const coarsest = steps(coarse);
               return film.map((frame) => {
                 const own = steps(frame);
@@ -626,10 +627,11 @@ class PageTest(unittest.TestCase):
                   for (let c = 0; c < 3; ++c) error += (frame[i + c] - last[i + c]) ** 2;
                   holes += green(frame, i) && !green(coarse, i) && !green(last, i);
                   const step = own[i / 4];
-                  borders += step > 24 + Math.max(near(finished, i / 4, 4), near(coarsest, i / 4, 1));
+                  borders +=
+                    step > 24 + Math.max(near(finished, i / 4, 4), near(coarsest, i / 4, 1));
                 }
-                return {psnr: -10 * Math.log10(Math.max(error, 1e-9) / (0.75 * frame.length * 255 ** 2)),
-                        holes, borders};
+                const mean = error / (0.75 * frame.length * 255 ** 2);
+                return {psnr: -10 * Math.log10(Math.max(mean, 1e-9)), holes, borders};
               });
             })()""", 120)
             page.close()

@@ -262,8 +262,8 @@ function drawMarks() {
 
 // ---- following ----------------------------------------------------------------------------------
 
-// Finds the tiles of the view and has them loaded, again and again. While the camera stands still, a
-// level is shown once it is complete: nobody sees a tile.
+// Finds the tiles of the view and has them loaded, again and again. While the camera stands still,
+// a level is shown once it is complete: nobody sees a tile.
 async function follow() {
   let seen, needed = new Set(), done = -1;  // done: the finest level that is shown
   await begin();
@@ -279,10 +279,10 @@ async function follow() {
       needed = new Set();
       done = -1;
     }
-    // Level 0 first: everything else waits for it. Then a few rays find nearly all tiles. Once these
-    // are there, the rays of all pixels that are not final find the last ones.
-    const [pages] = await Promise.all([renderer.ask(whole || (first && !stuck) ? view : {...view, level: 0}),
-                                       field.prepare(view.level)]);
+    // Level 0 first: everything else waits for it. Then a few rays find nearly all tiles. Once
+    // these are there, the rays of all pixels that are not final find the last ones.
+    const part = whole || (first && !stuck) ? view : {...view, level: 0};
+    const [pages] = await Promise.all([renderer.ask(part), field.prepare(view.level)]);
     if (failed || lost) continue;
     for (const at of pages) needed.add(at);
     let absent = loader.want([...needed], !moving);

@@ -230,7 +230,8 @@ export class Renderer {
     this.bindPicture();
     const {columns, rows} = this.picture;
     levels ??= this.mask ?? [];
-    this.mask = Float32Array.from({length: columns * rows}, (_, i) => Math.max(level, levels[i] ?? 0));
+    this.mask = Float32Array.from({length: columns * rows},
+                                  (_, i) => Math.max(level, levels[i] ?? 0));
     gl.activeTexture(gl.TEXTURE6);
     gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1);
     gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, columns, rows, gl.RED, gl.UNSIGNED_BYTE,
@@ -264,8 +265,8 @@ export class Renderer {
     return true;
   }
 
-  // Draws a picture for fade(). `scale` <= 1: with so many pixels along each edge. Resolves when the
-  // GPU is done.
+  // Draws a picture for fade(). `scale` <= 1: with so many pixels along each edge. Resolves when
+  // the GPU is done.
   async draw(view, scale) {
     const gl = this.gl, {width, height} = this.canvas;
     const w = Math.max(1, Math.round(width * scale)), h = Math.max(1, Math.round(height * scale));
@@ -384,8 +385,8 @@ export class Renderer {
   // How many pixels across and down share one of at most `size` × `size` rays.
   grid(size) { return [this.canvas.width, this.canvas.height].map((n) => Math.ceil(n / size)); }
 
-  // Casts a ray for each cell of the grid, through its pixel number `choice`. Returns how many cells
-  // there are across and down.
+  // Casts a ray for each cell of the grid, through its pixel number `choice`. Returns how many
+  // cells there are across and down.
   cast(view, size, choice, surveys) {
     const gl = this.gl, {width, height} = this.canvas, [across, down] = this.grid(size);
     const w = Math.ceil(width / across), h = Math.ceil(height / down), {at} = this.feedbackProgram;
