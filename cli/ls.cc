@@ -6,7 +6,7 @@
 namespace slf::cli {
 namespace {
 
-struct Arguments {
+struct LsArguments {
   std::string field;
   std::optional<LevelRange> levels;
   Subfields subfields;
@@ -24,7 +24,7 @@ std::string tile_json(const ListedTile& tile) {
       tile.address.exit, tile.subfield, name(tile.state), tile.payload_bytes, tile.offset_bytes);
 }
 
-Result<void> run_ls(const Arguments& a) {
+Result<void> run_ls(const LsArguments& a) {
   const auto field = SLF_TRY(open_field(a.field));
   TileFilter filter = a.filter;
   filter.subfields = a.subfields.numbers;
@@ -55,7 +55,7 @@ void add_ls(CLI::App& app, Run& run) {
 A line has six columns, separated by tabs: LEVEL/ENTRY/EXIT, its state (stored, empty, or missing),
 the bytes of its payload, where they begin in the file, the tile's index within the level, and its
 subfield. Lines are in the order of levels and indexes.)");
-  auto a = std::make_shared<Arguments>();
+  auto a = std::make_shared<LsArguments>();
   command->add_option("FIELD", a->field, "Field to list")->type_name(kFieldFile)->required();
   add_levels(*command, "--level", a->levels, "Only tiles of these levels");
   add_subfields(*command, a->subfields, "Only tiles of these level-0 subfields");

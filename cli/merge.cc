@@ -6,14 +6,14 @@
 namespace slf::cli {
 namespace {
 
-struct Arguments {
+struct MergeArguments {
   std::vector<std::string> parts;
   std::string output;
   MergeOptions merge;
   bool json = false;
 };
 
-Result<void> run_merge(const Arguments& a) {
+Result<void> run_merge(const MergeArguments& a) {
   keep_freed_memory();
   const auto report =
       merge_fields(a.parts, a.output, a.merge, progress_bar("merge", "tiles", OnSignal::stop));
@@ -35,7 +35,7 @@ Result<void> run_merge(const Arguments& a) {
 
 void add_merge(CLI::App& app, Run& run) {
   auto* command = app.add_subcommand("merge", "Join parts of a field: shards, levels, subfields");
-  auto a = std::make_shared<Arguments>();
+  auto a = std::make_shared<MergeArguments>();
   command->add_option("PARTS", a->parts, "Parts of one field, in any order; not touched")
       ->type_name(kFieldFile)
       ->required();

@@ -68,10 +68,9 @@ class PredictiveEncoder {
   /// Codes which candidates are used. `kinds`, in [0, kReferenceKinds), selects a model: candidates
   /// of one kind are used about equally often.
   void references(std::span<const std::uint8_t> kinds, std::span<const std::uint8_t> used);
-  /// Codes all samples. `depth` and `rgba`, premultiplied, are replaced by what the decoder will
-  /// have.
-  void encode(const Prediction& prediction, std::span<std::uint8_t> depth,
-              std::span<std::uint32_t> rgba);
+  /// Codes all samples; `rgba` is premultiplied.
+  void encode(const Prediction& prediction, std::span<const std::uint8_t> depth,
+              std::span<const std::uint32_t> rgba);
 
  private:
   /// A way to code alpha.
@@ -98,10 +97,7 @@ class PredictiveEncoder {
 
   const PredictiveLevel& level_;
   const TilePicture& picture_;
-  Bytes& payload_;
-  const std::size_t begin_;  // of the payload
   RansEncoder coder_;
-  std::vector<std::uint8_t> kinds_;
   std::vector<BlockState> states_;  // of the plane that was coded last; at first all 0
   TileSymbols* symbols_ = nullptr;
 };

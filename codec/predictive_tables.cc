@@ -44,6 +44,12 @@ class ModelReader {
   void models(std::size_t count, std::size_t symbols, std::vector<SymbolModel>& to) {
     for (std::size_t k = 0; k < count; ++k) to.emplace_back(next(symbols));
   }
+  template <std::size_t kGroups>
+  void sets(std::size_t count, const std::array<ModelGroup, kGroups>& groups,
+            std::vector<std::shared_ptr<const ModelSet>>& to) {
+    for (std::size_t k = 0; k < count; ++k)
+      to.push_back(std::make_shared<ModelSet>(groups, next(symbols_of(groups))));
+  }
 
  private:
   std::span<const std::uint8_t> next(std::size_t count) {
@@ -60,12 +66,8 @@ void read_weights(std::span<const std::uint8_t> weights, PredictiveModels& model
     reader.models(1, models.alpha_sets + 1, level.alpha_set);
     reader.models(kCodedPlanes, models.block_sets + 1, level.block_set);
   }
-  for (std::size_t set = 0; set < models.alpha_sets; ++set)
-    for (const ModelGroup& group : AlphaModels::kGroups)
-      reader.models(group.models, group.symbols, models.alpha);
-  for (std::size_t set = 0; set < models.block_sets; ++set)
-    for (const ModelGroup& group : BlockModels::kGroups)
-      reader.models(group.models, group.symbols, models.blocks);
+  reader.sets(models.alpha_sets, AlphaModels::kGroups, models.alpha);
+  reader.sets(models.block_sets, BlockModels::kGroups, models.blocks);
 }
 
 Result<PredictiveModels> unpack_models(ByteSpan packed) {
@@ -117,6 +119,16 @@ const TrainedModels& trained_models(bool by_sample) {
 }
 
 }  // namespace
+
+std::span<const SymbolModel> ModelSet::models() const {
+  std::call_once(once_, [&] {
+    std::span<const std::uint8_t> left = weights_;
+    for (const ModelGroup& group : groups_)
+      for (std::size_t k = 0; k < group.models; ++k, left = left.subspan(group.symbols))
+        models_.emplace_back(left.first(group.symbols));
+  });
+  return models_;
+}
 
 std::array<std::int32_t, 64> StepRange::steps() const {
   std::array<std::int32_t, 64> steps{};

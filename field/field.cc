@@ -173,6 +173,11 @@ SampleFormat Field::format() const { return file_->format(); }
 const std::string& Field::codec() const { return file_->manifest().codec; }
 std::optional<TileRange> Field::part() const { return file_->manifest().part; }
 std::string Field::provenance() const { return file_->manifest().provenance->dump(); }
+bool Field::linear() const {
+  const nlohmann::json light = file_->manifest().provenance->value("lighting", nlohmann::json());
+  return light.is_object() && light.value("linear", nlohmann::json()) == true &&
+         light.value("mode", "direct") != "direct";
+}
 Result<std::vector<std::byte>> Field::light() const {
   return guarded([&]() -> Result<std::vector<std::byte>> {
     const auto light = SLF_TRY(file_->light());

@@ -125,6 +125,18 @@ Result<void> check_view(const Field& field, const ViewOptions& options) {
   return {};
 }
 
+Result<void> map_tones(const Field& field, const std::optional<ToneMapping>& tone, bool display,
+                       Image& image) {
+  if (tone && !field.linear())
+    return fail_without("tone", ErrorCode::usage, field.path(),
+                        ": tone mapping needs linear radiance: half floats, built with shadowed or "
+                        "global light");
+  if (!field.linear() || (!tone && !display)) return {};
+  const ToneMapper map(tone.value_or(ToneMapping{}));
+  for (glm::vec4& pixel : image.rgba) pixel = map(pixel);
+  return {};
+}
+
 namespace {
 
 ViewOptions resolved(ViewOptions options, const FieldShape& shape, const Camera& camera) {

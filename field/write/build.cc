@@ -7,6 +7,7 @@
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <sstream>
 #include <vector>
 
 #include "base/mix.h"
@@ -292,15 +293,27 @@ Result<void> write_levels(BuildJob& job, FieldWriter& writer, const std::string&
   return {};
 }
 
+std::string text_of(const glm::dvec3& v) {
+  std::ostringstream text;
+  text << v.x << "," << v.y << "," << v.z;
+  return text.str();
+}
+
 /// The manifest of a new field. usage: a setting, or the scene's bounds or provenance, is invalid.
 Result<Manifest> plan(const Scene& scene, const BuildOptions& options) {
   Manifest manifest;
   manifest.shape = options.shape;
   const bool scene_bounds = manifest.shape.sphere.radius == 0;
   if (scene_bounds) manifest.shape.sphere = scene.bounds();
+  const Sphere visible = scene.bounds();
+  const auto& [center, radius] = manifest.shape.sphere;
   if (auto ok = manifest.shape.check(); !ok)
     return fail(ok.error().code, scene_bounds ? "around the scene's bounds: " : "",
                 ok.error().message);
+  if (!(glm::distance(center, visible.center) < radius + visible.radius))
+    return fail_without("center", ErrorCode::usage, "a sphere of radius ", radius, " around ",
+                        text_of(center), " misses all that is visible, which lies around ",
+                        text_of(visible.center), " within ", visible.radius);
   manifest.filtered_levels = manifest.shape.levels;
   manifest.format = sample_format(options.half, options.depth);
   const auto plain = SLF_TRY(codec::make_codec(options.codec, manifest.format));

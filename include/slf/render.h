@@ -9,6 +9,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <string_view>
 #include <vector>
 
@@ -18,6 +19,7 @@
 #include "slf/image.h"
 #include "slf/progress.h"
 #include "slf/tile_reader.h"
+#include "slf/tone.h"
 
 namespace slf {
 
@@ -122,6 +124,11 @@ class Renderer {
 /// The checks of Renderer::render() on `options`. usage: the field does not have the level, or the
 /// depths that the mode needs.
 [[nodiscard]] Result<void> check_view(const Field& field, const ViewOptions& options);
+
+/// Tone-maps a picture of the field if its colours are linear radiance: as `tone` says; if that is
+/// none, by default for a `display`, else not at all. usage: `tone`, but no linear radiance.
+[[nodiscard]] Result<void> map_tones(const Field& field, const std::optional<ToneMapping>& tone,
+                                     bool display, Image& image);
 
 /// The (entry section, exit section) pairs that a view's rays pass through, as sorted keys: the
 /// paper's measure of how much of a field a view needs. The tiles of neighbouring sections, which
