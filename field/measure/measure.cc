@@ -171,7 +171,10 @@ Result<Footprint> footprint(const Field& handle, std::span<const TileKey> tiles)
     if (!tile) return tl::unexpected(tile.error());
     sum.stored_tiles += tile->state == storage::TileState::stored ? 1 : 0;
   }
-  const auto read = SLF_TRY(field.with_references(tiles));
+  std::vector<TileKey> read(tiles.begin(), tiles.end());
+  for (const auto& [key, tile] : field.find(tiles, {}, /*advise=*/false))
+    for (const Reference& reference : tile.references) read.push_back(reference.tile);
+  sort_unique(read);
   for (const auto& tile : field.store().find_all(read)) {
     if (!tile) return tl::unexpected(tile.error());
     sum.compressed_bytes += tile->payload.size();

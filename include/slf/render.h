@@ -8,7 +8,6 @@
 #pragma once
 
 #include <cstdint>
-#include <functional>
 #include <memory>
 #include <optional>
 #include <string_view>
@@ -104,14 +103,6 @@ class Renderer {
   [[nodiscard]] Result<void> render(const Camera& camera, const ViewOptions& options, Image& image,
                                     ViewStatistics* statistics = nullptr,
                                     const ProgressCallback& progress = {});
-
-  /// Called with the picture of each level. Returning false stops drawing.
-  using Show = std::function<bool(const Image& image, unsigned level)>;
-  /// Draws level after level into `image`, from the coarsest to the requested one, and calls `show`
-  /// after each. The last picture is that of render(). Returns without an error when `show` returns
-  /// false.
-  [[nodiscard]] Result<void> render_progressively(const Camera& camera, const ViewOptions& options,
-                                                  Image& image, const Show& show);
 
  private:
   friend class Player;

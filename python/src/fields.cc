@@ -104,7 +104,7 @@ py::list tiles(const OpenField& open, unsigned first_level, std::optional<unsign
   const py::object type = py::module_::import("slf._types").attr("Tile");
   py::list out;
   for (const ListedTile& tile : listed)
-    out.append(type(tile.address.level, tile.address.entry, tile.address.exit, name(tile.content),
+    out.append(type(tile.address.level, tile.address.entry, tile.address.exit, name(tile.state),
                     tile.payload_bytes, tile.offset_bytes));
   return out;
 }
