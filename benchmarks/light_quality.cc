@@ -274,7 +274,7 @@ int main(int argc, char** argv) {
   CLI11_PARSE(app, argc, argv);
 
   Subject subject;
-  arguments.source.finish(0, OnSignal::end);
+  arguments.source.finish(0, cli::OnSignal::end);
   subject.volume = expect(read_volume(arguments.source));
   subject.transfer = expect(read_transfer(arguments.source.transfer)).fit(subject.volume);
   subject.options.step = arguments.step;

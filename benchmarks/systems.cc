@@ -181,7 +181,7 @@ int main(int argc, char** argv) {
   app.add_option("-j,--threads", a.threads, "0: all cores")->capture_default_str();
   app.add_flag("--json", a.json);
   CLI11_PARSE(app, argc, argv);
-  a.source.finish(a.threads, OnSignal::end);
+  a.source.finish(a.threads, cli::OnSignal::end);
   const nlohmann::json result = measure(a);
   if (a.json)
     std::printf("%s\n", result.dump(2).c_str());
