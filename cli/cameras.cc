@@ -4,12 +4,11 @@
 #include "base/file.h"
 #include "base/try.h"
 #include "cli/command.h"
-#include "slf/remote.h"
 
 namespace slf::cli {
 namespace {
 
-struct Arguments {
+struct CamerasArguments {
   SourceArguments source;
   std::vector<double> sphere;  // x, y, z, radius; empty: the input's
   std::uint32_t count = 100, test = 0;
@@ -21,7 +20,8 @@ struct Arguments {
 
 /// `check` is given the files that the sphere is read from.
 Result<Sphere> sphere_of(
-    const Arguments& a, const std::function<Result<void>(const std::vector<std::string>&)>& check) {
+    const CamerasArguments& a,
+    const std::function<Result<void>(const std::vector<std::string>&)>& check) {
   SLF_TRY(check({a.source.input}));
   if (!a.sphere.empty()) {
     if (!(a.sphere[3] > 0))
@@ -31,17 +31,18 @@ Result<Sphere> sphere_of(
   if (a.source.input.empty())
     return fail(ErrorCode::usage,
                 "no sphere: expected --sphere X,Y,Z,R, a field, a volume or a mesh");
-  if (is_address(a.source.input) || a.source.input.ends_with(".slf")) {
+  if (is_field(a.source.input)) {
     const auto field = SLF_TRY(open_field(a.source.input));
     return field.shape().sphere;
   }
   SourceArguments source = a.source;
+  source.finish(0, OnSignal::end);
   source.check = check;
-  const auto scene = SLF_TRY(source.scene({.deferred = true}));
+  const auto scene = SLF_TRY(hinted(make_scene(source)));
   return scene->bounds();
 }
 
-Result<void> run_cameras(const Arguments& a) {
+Result<void> run_cameras(const CamerasArguments& a) {
   const std::filesystem::path path(a.output);
   const std::string test =
       (path.parent_path() / (path.stem().string() + "_test" + path.extension().string())).string();
@@ -65,7 +66,7 @@ Result<void> run_cameras(const Arguments& a) {
 void add_cameras(CLI::App& app, Run& run) {
   auto* command = app.add_subcommand(
       "cameras", "Cameras around an object, as transforms.json, for any renderer to fill in");
-  auto a = std::make_shared<Arguments>();
+  auto a = std::make_shared<CamerasArguments>();
   a->source.add_volume_to(*command, "INPUT");
   command->get_option("INPUT")->required(false)->description(
       "Field, volume or mesh to surround with cameras; or --sphere");

@@ -6,7 +6,7 @@
 namespace slf::cli {
 namespace {
 
-struct Arguments {
+struct DiffArguments {
   std::string a, b;
   std::optional<double> min_psnr;
   DiffOptions diff;
@@ -51,7 +51,7 @@ void print_difference(const Field& field, const FieldDifference& difference) {
   }
 }
 
-Result<void> run_diff(const Arguments& arguments) {
+Result<void> run_diff(const DiffArguments& arguments) {
   const auto a = SLF_TRY(open_field(arguments.a));
   const auto b = SLF_TRY(open_field(arguments.b));
   const auto difference =
@@ -72,7 +72,7 @@ Result<void> run_diff(const Arguments& arguments) {
 
 void add_diff(CLI::App& app, Run& run) {
   auto* command = app.add_subcommand("diff", "Compare two fields: manifest, tiles, samples");
-  auto a = std::make_shared<Arguments>();
+  auto a = std::make_shared<DiffArguments>();
   command->add_option("A", a->a, "Field")->type_name(kFieldFile)->required();
   command->add_option("B", a->b, "Field")->type_name(kFieldFile)->required();
   command

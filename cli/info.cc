@@ -5,12 +5,11 @@
 
 #include "base/try.h"
 #include "cli/command.h"
-#include "slf/remote.h"
 
 namespace slf::cli {
 namespace {
 
-struct Arguments {
+struct InfoArguments {
   SourceArguments source;
   bool json = false;
 };
@@ -116,7 +115,8 @@ void print_volume(const Volume& volume) {
     print("axis {}  {}\n", "xyz"[axis], vec(volume.axes[axis] / volume.spacing()[axis]));
   if (!volume.placement.empty()) print("placed  by {}\n", volume.placement);
   for (const std::string& remark : volume.notes) print("note    {}\n", remark);
-  if (!volume.labels && looks_like_labels(volume)) print("note    {}\n", kLabelsHint);
+  if (!volume.labels && looks_like_labels(volume))
+    print("note    {}; {}\n", kLabelsHint, hint_of("labels"));
 }
 
 nlohmann::json mesh_json(const Mesh& mesh) {
@@ -214,7 +214,7 @@ std::vector<std::vector<int>> coverage_map(const PictureSet& set) {
 }
 
 Result<void> print_pictures(const SourceArguments& source, bool json) {
-  const auto set = SLF_TRY(source.read_picture_set());
+  const auto set = SLF_TRY(read_pictures(source));
   std::map<std::string, int> sizes, lenses;
   std::size_t masks = 0, depths = 0;
   for (const Picture& picture : set.pictures) {
@@ -264,12 +264,15 @@ SeriesList series_of(const std::string& path) {
   return list_series(path).value_or(SeriesList{});
 }
 
-Result<void> run_info(const Arguments& arguments) {
-  const std::string& input = arguments.source.input;
-  if (arguments.source.is_pictures()) return print_pictures(arguments.source, arguments.json);
-  if (!is_address(input) && !input.ends_with(".slf") && !input.ends_with(".slf.unfinished")) {
+Result<void> run_info(const InfoArguments& arguments) {
+  SourceArguments source = arguments.source;
+  source.finish(0, OnSignal::end);
+  const std::string& input = source.input;
+  if (source.is_pictures()) return print_pictures(source, arguments.json);
+  if (!is_field(input)) {
     if (is_mesh_name(input)) {
-      const Mesh mesh = SLF_TRY(arguments.source.mesh());
+      const Mesh mesh = SLF_TRY(read_mesh(input, source.up_axis));
+      for (const std::string& remark : mesh.notes) note(input + ": " + remark);
       if (arguments.json)
         print_json(mesh_json(mesh));
       else
@@ -277,14 +280,14 @@ Result<void> run_info(const Arguments& arguments) {
       return {};
     }
     const SeriesList list = series_of(input);
-    if (list.series.size() > 1 && !arguments.source.series) {
+    if (list.series.size() > 1 && !source.reading.series) {
       if (arguments.json)
         print_json({{"source", input}, {"series", series_json(list)}, {"notes", list.notes}});
       else
         print_series(input, list);
       return {};
     }
-    const auto volume = SLF_TRY(arguments.source.volume());
+    const auto volume = SLF_TRY(hinted(read_volume(source)));
     if (arguments.json) {
       nlohmann::json json = volume_json(volume);
       if (!list.series.empty()) json["series"] = series_json(list);
@@ -294,14 +297,13 @@ Result<void> run_info(const Arguments& arguments) {
     }
     return {};
   }
-  const auto field = SLF_TRY(open_field(arguments.source.input));
+  const auto field = SLF_TRY(open_field(input));
   const auto content = SLF_TRY(field.content());
   if (arguments.json)
     print_json(field_json(field, content));
   else
     print_field(field, content);
-  if (!content.complete)
-    note(arguments.source.input + ": incomplete; the build command that made it resumes it");
+  if (!content.complete) note(input + ": incomplete; the build command that made it resumes it");
   return {};
 }
 
@@ -310,7 +312,7 @@ Result<void> run_info(const Arguments& arguments) {
 void add_info(CLI::App& app, Run& run) {
   auto* command = app.add_subcommand(
       "info", "What a field (.slf), pictures, a mesh or a volume (anything else) holds");
-  auto a = std::make_shared<Arguments>();
+  auto a = std::make_shared<InfoArguments>();
   command
       ->add_option(
           "INPUT", a->source.input,

@@ -6,7 +6,7 @@
 namespace slf::cli {
 namespace {
 
-struct Arguments {
+struct LsArguments {
   std::string field;
   std::optional<LevelRange> levels;
   Subfields subfields;
@@ -21,10 +21,10 @@ std::string tile_json(const ListedTile& tile) {
       R"({{"tile": "{}", "level": {}, "index": {}, "entry": {}, "exit": {}, "subfield": {}, )"
       R"("state": "{}", "payload_bytes": {}, "offset_bytes": {}}})",
       to_string(tile.address), tile.address.level, tile.key.index, tile.address.entry,
-      tile.address.exit, tile.subfield, name(tile.content), tile.payload_bytes, tile.offset_bytes);
+      tile.address.exit, tile.subfield, name(tile.state), tile.payload_bytes, tile.offset_bytes);
 }
 
-Result<void> run_ls(const Arguments& a) {
+Result<void> run_ls(const LsArguments& a) {
   const auto field = SLF_TRY(open_field(a.field));
   TileFilter filter = a.filter;
   filter.subfields = a.subfields.numbers;
@@ -36,7 +36,7 @@ Result<void> run_ls(const Arguments& a) {
       print_text(before + tile_json(tile));
       before = ",\n";
     } else {
-      print("{}\t{}\t{}\t{}\t{}\t{}\n", to_string(tile.address), name(tile.content),
+      print("{}\t{}\t{}\t{}\t{}\t{}\n", to_string(tile.address), name(tile.state),
             tile.payload_bytes, tile.offset_bytes, tile.key.index, tile.subfield);
     }
     if (std::ferror(stdout) != 0) return fail(ErrorCode::io, "stdout: cannot write");
@@ -55,7 +55,7 @@ void add_ls(CLI::App& app, Run& run) {
 A line has six columns, separated by tabs: LEVEL/ENTRY/EXIT, its state (stored, empty, or missing),
 the bytes of its payload, where they begin in the file, the tile's index within the level, and its
 subfield. Lines are in the order of levels and indexes.)");
-  auto a = std::make_shared<Arguments>();
+  auto a = std::make_shared<LsArguments>();
   command->add_option("FIELD", a->field, "Field to list")->type_name(kFieldFile)->required();
   add_levels(*command, "--level", a->levels, "Only tiles of these levels");
   add_subfields(*command, a->subfields, "Only tiles of these level-0 subfields");

@@ -6,18 +6,18 @@
 namespace slf::cli {
 namespace {
 
-struct Arguments {
+struct MergeArguments {
   std::vector<std::string> parts;
   std::string output;
   MergeOptions merge;
   bool json = false;
 };
 
-Result<void> run_merge(const Arguments& a) {
+Result<void> run_merge(const MergeArguments& a) {
   keep_freed_memory();
   const auto report =
       merge_fields(a.parts, a.output, a.merge, progress_bar("merge", "tiles", OnSignal::stop));
-  if (!report && report.error().message.starts_with("no part holds"))
+  if (!report && report.error().choice && std::string_view(report.error().choice) == "part")
     return with_hint(report.error(), "build them, or let the output be a part with --part");
   if (!report) return tl::unexpected(report.error());
   if (a.json)
@@ -35,7 +35,7 @@ Result<void> run_merge(const Arguments& a) {
 
 void add_merge(CLI::App& app, Run& run) {
   auto* command = app.add_subcommand("merge", "Join parts of a field: shards, levels, subfields");
-  auto a = std::make_shared<Arguments>();
+  auto a = std::make_shared<MergeArguments>();
   command->add_option("PARTS", a->parts, "Parts of one field, in any order; not touched")
       ->type_name(kFieldFile)
       ->required();

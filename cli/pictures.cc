@@ -5,7 +5,7 @@
 namespace slf::cli {
 namespace {
 
-struct Arguments {
+struct PicturesArguments {
   std::string what;
   SourceArguments source;
   std::vector<double> center;
@@ -16,15 +16,16 @@ struct Arguments {
   bool force = false;
 };
 
-Result<void> run_pictures(const Arguments& a) {
+Result<void> run_pictures(const PicturesArguments& a) {
   SourceArguments source = a.source;
   if (!source.is_pictures()) source.input = "pictures:" + source.input;
   if (a.center.empty() != (a.radius == 0))
     return fail(ErrorCode::usage, "--center and --radius: expected both, or none");
   if (a.radius != 0) source.pictures.sphere = Sphere{to_vector(a.center), a.radius};
-  auto set = SLF_TRY(source.read_picture_set());
+  source.finish(a.threads, OnSignal::end);
+  auto set = SLF_TRY(read_pictures(source));
   SLF_TRY(refuse_overwrite(a.output, a.force, set.files()));
-  const auto options = source.picture_options(set, a.threads);
+  const auto options = picture_options(source, set);
   const auto sheet = SLF_TRY(make_depth_sheet(std::move(set), options, a.count, a.cell));
   SLF_TRY(write_image(a.output, sheet.image));
   if (sheet.source == "silhouettes") {
@@ -43,7 +44,7 @@ Result<void> run_pictures(const Arguments& a) {
 void add_pictures(CLI::App& app, Run& run) {
   auto* command = app.add_subcommand(
       "pictures", "Shows what is known of pictures with cameras, as a contact sheet");
-  auto a = std::make_shared<Arguments>();
+  auto a = std::make_shared<PicturesArguments>();
   command->add_option("WHAT", a->what, "depth: depths, and how many other pictures confirm them")
       ->check(CLI::IsMember({"depth"}))
       ->required();

@@ -11,7 +11,7 @@ namespace {
 
 constexpr const char* kStdout = "-";
 
-struct Arguments {
+struct TileArguments {
   std::string field, tile, output, format;
   std::string channel = "color";
   bool force = false;
@@ -34,7 +34,7 @@ Result<TileKey> parse_tile(const Field& field, const std::string& text) {
               "': expected LEVEL/ENTRY/EXIT as `slf ls` prints it, or LEVEL/INDEX as messages do");
 }
 
-Result<std::vector<std::byte>> encode(const Field& field, TileKey key, const Arguments& a) {
+Result<std::vector<std::byte>> encode(const Field& field, TileKey key, const TileArguments& a) {
   const TileReader tiles(field);
   const std::string format = !a.format.empty()            ? a.format
                              : a.output == kStdout        ? "raw"
@@ -56,7 +56,7 @@ Result<std::vector<std::byte>> encode(const Field& field, TileKey key, const Arg
   return encode_image(format.empty() ? a.output : a.output + "." + format, picture, options);
 }
 
-Result<void> run_tile(const Arguments& a) {
+Result<void> run_tile(const TileArguments& a) {
   const bool to_stdout = a.output == kStdout;
   if (to_stdout && isatty(STDOUT_FILENO) != 0)
     return fail(ErrorCode::usage, "-o -: is a terminal; redirect stdout to a file or a program");
@@ -76,7 +76,7 @@ void add_tile(CLI::App& app, Run& run) {
   command->footer(R"(
 The picture shows the exit triangle of each entry vertex where that vertex lies among the others of
 its section. .raw has the samples as FORMAT.md orders them: picture by picture, little-endian.)");
-  auto a = std::make_shared<Arguments>();
+  auto a = std::make_shared<TileArguments>();
   command->add_option("FIELD", a->field, "Field to read")->type_name(kFieldFile)->required();
   command->add_option("TILE", a->tile, "LEVEL/ENTRY/EXIT as `slf ls` prints it, or LEVEL/INDEX")
       ->type_name("TILE")

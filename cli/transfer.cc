@@ -12,7 +12,7 @@
 namespace slf::cli {
 namespace {
 
-struct Arguments {
+struct TransferArguments {
   std::string reference;
   std::string output;
   bool list = false, json = false, force = false;
@@ -98,7 +98,7 @@ Result<void> write(const TransferPreset& preset, const std::string& path) {
   return write_file(path, bytes_of(json));
 }
 
-Result<void> run_transfer(const Arguments& a) {
+Result<void> run_transfer(const TransferArguments& a) {
   if (a.list) {
     if (a.reference.empty()) {
       print_list(built_in_transfers(), !a.json);
@@ -127,7 +127,7 @@ Result<void> run_transfer(const Arguments& a) {
 void add_transfer(CLI::App& app, Run& run) {
   auto* command =
       app.add_subcommand("transfer", "Transfer functions: list them, draw one, convert");
-  auto a = std::make_shared<Arguments>();
+  auto a = std::make_shared<TransferArguments>();
   command->add_option("NAME", a->reference, kTransferHelp);
   command->add_flag("--list", a->list, "The built-in functions, or those of a file");
   command

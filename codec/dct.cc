@@ -134,19 +134,15 @@ namespace slf::codec {
 namespace {
 
 /// Basis functions, 181.02 times as large as orthonormal ones: one in each row.
-constexpr float kBasis[64] = {64,  64,  64,  64, 64, 64,  64,  64,  89,  75,  50,  18,  -18,
-                              -50, -75, -89, 83, 36, -36, -83, -83, -36, 36,  83,  75,  -18,
-                              -89, -50, 50,  89, 18, -75, 64,  -64, -64, 64,  64,  -64, -64,
-                              64,  50,  -89, 18, 75, -75, -18, 89,  -50, 36,  -83, 83,  -36,
-                              -36, 83,  -83, 36, 18, -50, 75,  -89, 89,  -75, 50,  -18};
+constexpr std::array<float, 64> kBasis = {
+    64, 64,  64,  64,  64,  64,  64,  64, 89, 75,  50,  18,  -18, -50, -75, -89,
+    83, 36,  -36, -83, -83, -36, 36,  83, 75, -18, -89, -50, 50,  89,  18,  -75,
+    64, -64, -64, 64,  64,  -64, -64, 64, 50, -89, 18,  75,  -75, -18, 89,  -50,
+    36, -83, 83,  -36, -36, 83,  -83, 36, 18, -50, 75,  -89, 89,  -75, 50,  -18};
 
 /// The basis with one function in each column, normalised: coefficient = 16 * B v B^T / 181.02^2.
-constexpr std::array<float, 64> kNormalised = [] {
-  std::array<float, 64> columns{};
-  for (std::size_t k = 0; k < 64; ++k)
-    columns[k] = kBasis[k % 8 * 8 + k / 8] * static_cast<float>(kCoefficientScale) / 32768.f;
-  return columns;
-}();
+constexpr std::array<float, 64> kNormalised =
+    transposed(kBasis, static_cast<float>(kCoefficientScale) / 32768.f);
 
 }  // namespace
 
@@ -161,7 +157,7 @@ void multiply(const float* a, std::size_t a_stride, const float* b, std::size_t 
 std::array<float, 64> forward_dct(const float* values, std::size_t stride) {
   std::array<float, 64> rows, out;
   multiply(values, stride, kNormalised.data(), 8, rows);
-  multiply(kBasis, 8, rows.data(), 8, out);
+  multiply(kBasis.data(), 8, rows.data(), 8, out);
   return out;
 }
 

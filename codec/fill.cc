@@ -4,23 +4,16 @@
 #include <limits>
 #include <vector>
 
-#undef HWY_TARGET_INCLUDE
-#define HWY_TARGET_INCLUDE "codec/fill.cc"
-#include <hwy/foreach_target.h>  // compiles this file once per instruction set
-#include <hwy/highway.h>
-
-// Loops over a row have no branches, so that compilers use the vectors of each instruction set.
-// Their sums are in order: every set gives the same floats.
-HWY_BEFORE_NAMESPACE();
 namespace slf::codec {
-namespace HWY_NAMESPACE {
 namespace {
+
+// The inner loops have no branches, so that compilers put them on vectors.
 
 /// The weighted means of 2 × 2 pixels: of `count` pixels of each of two rows. Weights are at
 /// most 1.
-void push_row(std::size_t count, const float* HWY_RESTRICT a, const float* HWY_RESTRICT a_weight,
-              const float* HWY_RESTRICT b, const float* HWY_RESTRICT b_weight,
-              float* HWY_RESTRICT values, float* HWY_RESTRICT weight) {
+void push_row(std::size_t count, const float* __restrict a, const float* __restrict a_weight,
+              const float* __restrict b, const float* __restrict b_weight, float* __restrict values,
+              float* __restrict weight) {
   const auto store = [&](std::size_t to, float sum, float total) {
     values[to] = sum / std::max(total, std::numeric_limits<float>::min());
     weight[to] = std::min(total, 1.0f);
@@ -37,8 +30,8 @@ void push_row(std::size_t count, const float* HWY_RESTRICT a, const float* HWY_R
 
 /// Blends a row of `count` pixels with the coarse picture's values: 9, 3, 3 and 1 sixteenths of the
 /// nearest four pixels, which are in the rows `near` and `far`.
-void pull_row(std::size_t count, const float* HWY_RESTRICT near, const float* HWY_RESTRICT far,
-              const float* HWY_RESTRICT weight, float* HWY_RESTRICT values) {
+void pull_row(std::size_t count, const float* __restrict near, const float* __restrict far,
+              const float* __restrict weight, float* __restrict values) {
   const auto blend = [&](std::size_t x, std::size_t u, std::size_t beside) {
     const float coarse = (9 * near[u] + 3 * near[beside] + 3 * far[u] + far[beside]) * (1.0f / 16);
     values[x] = weight[x] * values[x] + (1 - weight[x]) * coarse;
@@ -56,15 +49,6 @@ void pull_row(std::size_t count, const float* HWY_RESTRICT near, const float* HW
 }
 
 }  // namespace
-}  // namespace HWY_NAMESPACE
-}  // namespace slf::codec
-HWY_AFTER_NAMESPACE();
-
-#if HWY_ONCE
-namespace slf::codec {
-
-HWY_EXPORT(push_row);
-HWY_EXPORT(pull_row);
 
 void fill(std::size_t width, std::size_t height, std::span<const float> weight,
           std::span<float> values) {
@@ -76,21 +60,19 @@ void fill(std::size_t width, std::size_t height, std::span<const float> weight,
   for (std::size_t v = 0; v < down; ++v) {
     const std::size_t y = 2 * v * width, below = y + width;
     const bool odd = below == values.size();
-    HWY_DYNAMIC_DISPATCH(push_row)
-    (width, &values[y], &weight[y], odd ? nothing.data() : &values[below],
-     odd ? nothing.data() : &weight[below], &coarse[v * across], &coarse_weight[v * across]);
+    push_row(width, &values[y], &weight[y], odd ? nothing.data() : &values[below],
+             odd ? nothing.data() : &weight[below], &coarse[v * across],
+             &coarse_weight[v * across]);
   }
   const auto none = [](float w) { return w == 0; };
   if (std::all_of(coarse_weight.begin(), coarse_weight.end(), none)) return;
   fill(across, down, coarse_weight, coarse);
   for (std::size_t y = 0; y < height; ++y) {
-    const std::size_t near = y / 2;
-    const std::size_t far =
-        y % 2 == 0 ? near - std::min<std::size_t>(near, 1) : std::min(near + 1, down - 1);
-    HWY_DYNAMIC_DISPATCH(pull_row)
-    (width, &coarse[near * across], &coarse[far * across], &weight[y * width], &values[y * width]);
+    const std::size_t near = y / 2, above = near - std::min<std::size_t>(near, 1);
+    const std::size_t far = y % 2 == 0 ? above : std::min(near + 1, down - 1);
+    pull_row(width, &coarse[near * across], &coarse[far * across], &weight[y * width],
+             &values[y * width]);
   }
 }
 
 }  // namespace slf::codec
-#endif  // HWY_ONCE

@@ -32,29 +32,19 @@ std::uint8_t from_steps(std::uint8_t step, int top) {
   return static_cast<std::uint8_t>(std::min((step * 510 + top) / (2 * top), 255));
 }
 
-// A function of bytes.
-using Values = std::array<std::uint8_t, 256>;
-template <class Of>
-Values each_value(Of of) {
-  Values values;
-  for (std::size_t i = 0; i < 256; ++i) values[i] = of(static_cast<std::uint8_t>(i));
-  return values;
-}
-
 struct Candidate {
   Bytes payload;
   std::vector<std::uint8_t> alpha;
 };
 
-Result<Candidate> in_steps(const TileShape& tile, int top, std::span<const std::uint8_t> alpha) {
-  Candidate result;
-  result.payload.push_back(static_cast<std::byte>(top));
-  result.alpha.resize(alpha.size());
-  const Values steps = each_value([&](std::uint8_t value) { return to_steps(value, top); });
-  for (std::size_t i = 0; i < alpha.size(); ++i) result.alpha[i] = steps[alpha[i]];
+// `steps` and `shown` are those of each alpha.
+using Table = std::array<std::uint8_t, 256>;
+Result<Candidate> in_steps(const TileShape& tile, int top, const Table& steps, const Table& shown,
+                           std::span<const std::uint8_t> alpha) {
+  Candidate result{{static_cast<std::byte>(top)}, {alpha.begin(), alpha.end()}};
+  for (std::uint8_t& value : result.alpha) value = steps[value];
   SLF_TRY(append_bytes(tile, std::as_bytes(std::span(result.alpha)), kZstdLevel, result.payload));
-  const Values values = each_value([&](std::uint8_t step) { return from_steps(step, top); });
-  for (std::uint8_t& value : result.alpha) value = values[value];
+  for (std::size_t i = 0; i < alpha.size(); ++i) result.alpha[i] = shown[alpha[i]];
   return result;
 }
 
@@ -91,13 +81,15 @@ Result<void> append_jpeg_alpha(const TileShape& tile, const Mosaic& mosaic,
   for (const std::uint8_t value : alpha) ++counts[value];
   for (const int top : {255, 85, 51, 15}) {
     if (exact && top != 255) break;
+    Table steps, shown;
     std::uint64_t error = 0;
-    for (int i = 0; i < 256; ++i) {
-      const auto value = static_cast<std::uint8_t>(i);
-      error += counts[value] * squared(i, from_steps(to_steps(value, top), top));
+    for (std::size_t value = 0; value < 256; ++value) {
+      steps[value] = to_steps(static_cast<std::uint8_t>(value), top);
+      shown[value] = from_steps(steps[value], top);
+      error += counts[value] * squared(static_cast<int>(value), shown[value]);
     }
     if (static_cast<double>(error) >= min_cost) continue;
-    Candidate candidate = SLF_TRY(in_steps(tile, top, alpha));
+    Candidate candidate = SLF_TRY(in_steps(tile, top, steps, shown, alpha));
     consider(std::move(candidate), error);
   }
   if (!exact && alpha.size() - counts[0] - counts[255] > alpha.size() / 8) {
@@ -119,8 +111,9 @@ Result<void> read_jpeg_alpha(const TileShape& tile, const Mosaic& mosaic, const 
   if (top != kInJpeg) {
     SLF_TRY(read_bytes(tile, payload, std::as_writable_bytes(alpha)));
     if (top == 255) return {};
-    const Values values = each_value([&](std::uint8_t step) { return from_steps(step, top); });
-    for (std::uint8_t& value : alpha) value = values[value];
+    std::uint8_t opacity[256];
+    for (int i = 0; i < 256; ++i) opacity[i] = from_steps(static_cast<std::uint8_t>(i), top);
+    for (std::uint8_t& value : alpha) value = opacity[value];
     return {};
   }
   if (payload.size() < 4) return fail(ErrorCode::bad_file, "JPEG: the tile is cut short");

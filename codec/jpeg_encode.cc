@@ -31,11 +31,7 @@ constexpr std::array<float, 64> kCosines = {
     kC0, -kC0, -kC0, kC0,  kC0,  -kC0, -kC0, kC0, kC5, -kC1, kC7,  kC3,  -kC3, -kC7, kC1,  -kC5,
     kC6, -kC2, kC2,  -kC6, -kC6, kC2,  -kC2, kC6, kC7, -kC5, kC3,  -kC1, kC1,  -kC3, kC5,  -kC7};
 
-constexpr std::array<float, 64> kTransposedCosines = [] {
-  std::array<float, 64> result{};
-  for (std::size_t i = 0; i < 64; ++i) result[i] = kCosines[i % kSide * kSide + i / kSide];
-  return result;
-}();
+constexpr std::array<float, 64> kTransposedCosines = transposed(kCosines);
 
 // Transforms the 8 × 8 values at `from`.
 std::array<float, 64> transform(const float* from, std::size_t stride) {
@@ -163,32 +159,33 @@ class Quantiser {
     const std::array<float, 64>& values = block.values;
     // The less the pixels of a block matter, the larger an error one bit may cause.
     const float block_error_per_bit = error_per_bit_ / block.coverage;
-    // Loops without branches are on vectors. zeroed[i]: the error if coefficients 1..i are 0.
+    // zeroed[i]: the error if coefficients 1..i are 0.
     std::array<float, 64> zeroed;
     std::array<std::int32_t, 64> nearest;
-    std::array<std::byte, 64> some;
     for (std::size_t i = 0; i < 64; ++i) {
       const float rounded = std::min(std::abs(values[i]) / steps_[i] + 0.5f, 1023.f);
       nearest[i] = static_cast<std::int32_t>(rounded);
       zeroed[i] = values[i] * values[i];
     }
-    for (std::size_t i = 0; i < 64; ++i) some[i] = static_cast<std::byte>(nearest[i] > 0);
     zeroed[0] = 0;
-    for (std::size_t i = 1; i < 64; ++i) zeroed[i] += zeroed[i - 1];
-    std::uint64_t left = 0;                   // positions that may have a level
-    for (std::size_t i = 64; (i -= 8) < 64;)  // each product gathers the lowest bits of 8 bytes
-      left = left << 8 | load_le<std::uint64_t>(&some[i]) * 0x0102040810204080u >> 56;
+    std::uint64_t left = 0;  // positions that may have a level
+    for (std::size_t i = 1; i < 64; ++i) {
+      zeroed[i] += zeroed[i - 1];
+      left |= std::uint64_t{nearest[i] > 0} << i;
+    }
 
     // Nodes are the start and every position that may have a level. Edges skip zeros. Live nodes
     // are those that some later node or the end may follow.
     std::array<std::uint8_t, 64> live;
     std::size_t count = 1;
     node_[live[0] = 0] = {0, 0, 0};
-    for (left &= ~std::uint64_t{1}; left != 0; left &= left - 1) {
+    for (; left != 0; left &= left - 1) {
       const auto i = static_cast<std::uint8_t>(std::countr_zero(left));
       Node& node = node_[i] = {0, 0, std::numeric_limits<float>::max()};
-      // A lower level is only better if it takes fewer bits.
-      for (int level = nearest[i]; level > 0; level = lower(level, nearest[i])) {
+      // A lower level is only better if it is of another size.
+      const int lower = (nearest[i] & (nearest[i] - 1)) == 0 ? nearest[i] - 1 : 0;
+      for (const int level : {nearest[i], lower}) {
+        if (level == 0) break;
         const std::array<float, 63>& bits = bits_[size_of(level)];
         const float error = std::abs(values[i]) - static_cast<float>(level) * steps_[i];
         for (std::size_t n = 0; n < count; ++n) {
@@ -226,11 +223,6 @@ class Quantiser {
     float cost;           // of the block up to this node
   };
 
-  // The level to try next: the greatest below the nearest one that is of another size, or none.
-  static int lower(int level, int nearest) {
-    return level == nearest && (level & (level - 1)) == 0 ? level - 1 : 0;
-  }
-
   std::array<float, 64> steps_;
   float end_bits_, error_per_bit_;
   std::array<std::array<float, 63>, 11> bits_{};  // of a level after zeros: by its size, by these
@@ -247,18 +239,17 @@ class BlockCoder {
 
   int last_dc() const { return last_dc_; }
 
-  void code(const Quantised& quantised) {
-    const auto& levels = quantised.levels;
-    const int difference = levels[0] - last_dc_;
-    last_dc_ = levels[0];
+  void code(const Quantised& of) {
+    const int difference = of.levels[0] - last_dc_;
+    last_dc_ = of.levels[0];
     put(dc_, dc_counts_, size_of(difference), difference, size_of(difference));
     unsigned next = 1;
-    for (std::uint64_t some = quantised.some; some != 0; some &= some - 1) {
+    for (std::uint64_t some = of.some; some != 0; some &= some - 1) {
       const auto i = static_cast<unsigned>(std::countr_zero(some));
       unsigned run = i - next;
       for (; run >= 16; run -= 16) put(ac_, ac_counts_, kSixteenZeros, 0, 0);
-      const unsigned size = size_of(levels[i]);
-      put(ac_, ac_counts_, run << 4 | size, levels[i], size);
+      const unsigned size = size_of(of.levels[i]);
+      put(ac_, ac_counts_, run << 4 | size, of.levels[i], size);
       next = i + 1;
     }
     if (next < 64) put(ac_, ac_counts_, kEndOfBlock, 0, 0);

@@ -87,8 +87,7 @@ class PredictiveEncoder {
                                     std::span<const float> weight, std::vector<float>& difference,
                                     float round_up_from) const;
   [[nodiscard]] SymbolList list_plane(std::span<const std::uint8_t> coded, BlockPlane& blocks);
-  [[nodiscard]] std::pair<std::size_t, double> best_set(const SymbolList& symbols) const;
-  void encode_plane(std::size_t plane, std::span<const std::uint8_t> coded, BlockPlane blocks);
+  void encode_plane(std::size_t plane, const SymbolList& symbols);
   void encode_depth(const Prediction& prediction, std::span<const std::uint8_t> alpha, bool soft,
                     std::span<const std::uint8_t> visible, std::span<const std::uint32_t> rgba,
                     std::span<const std::uint8_t> depth);

@@ -37,38 +37,23 @@ std::size_t stored_weights(std::size_t alpha_sets, std::size_t block_sets) {
          block_sets * symbols_of(BlockModels::kGroups);
 }
 
-/// Takes stored models from the front of a span.
-class ModelReader {
- public:
-  explicit ModelReader(std::span<const std::uint8_t> from) : from_(from) {}
-
-  void models(std::size_t count, std::size_t symbols, std::vector<SymbolModel>& to) {
-    for (std::size_t k = 0; k < count; ++k) to.emplace_back(next(symbols));
-  }
-  template <std::size_t kGroups>
-  void sets(std::size_t count, const std::array<ModelGroup, kGroups>& groups,
-            std::vector<std::shared_ptr<const ModelSet>>& to) {
-    for (std::size_t k = 0; k < count; ++k)
-      to.push_back(std::make_shared<ModelSet>(groups, next(symbols_of(groups))));
-  }
-
- private:
-  std::span<const std::uint8_t> next(std::size_t count) {
-    const auto taken = from_.first(count);
-    from_ = from_.subspan(count);
-    return taken;
-  }
-  std::span<const std::uint8_t> from_;
-};
-
 void read_weights(std::span<const std::uint8_t> weights, PredictiveModels& models) {
-  ModelReader reader(weights);
+  const auto next = [&](std::size_t count) {
+    const auto taken = weights.first(count);
+    weights = weights.subspan(count);
+    return taken;
+  };
   for (LevelModels& level : models.levels) {
-    reader.models(1, models.alpha_sets + 1, level.alpha_set);
-    reader.models(kCodedPlanes, models.block_sets + 1, level.block_set);
+    level.alpha_set.emplace_back(next(models.alpha_sets + 1));
+    for (std::size_t plane = 0; plane < kCodedPlanes; ++plane)
+      level.block_set.emplace_back(next(models.block_sets + 1));
   }
-  reader.sets(models.alpha_sets, AlphaModels::kGroups, models.alpha);
-  reader.sets(models.block_sets, BlockModels::kGroups, models.blocks);
+  const auto read_sets = [&](std::size_t count, const auto& groups, auto& to) {
+    for (std::size_t set = 0; set < count; ++set)
+      to.push_back(std::make_shared<ModelSet>(groups, next(symbols_of(groups))));
+  };
+  read_sets(models.alpha_sets, AlphaModels::kGroups, models.alpha);
+  read_sets(models.block_sets, BlockModels::kGroups, models.blocks);
 }
 
 Result<PredictiveModels> unpack_models(ByteSpan packed) {

@@ -68,8 +68,7 @@ double cross(const glm::dvec2& a, const glm::dvec2& b) { return a.x * b.y - a.y 
 
 }  // namespace
 
-MeshBuilder::MeshBuilder(const std::string& path, bool y_up, bool only_files)
-    : y_up_(y_up), only_files_(only_files), allowed_(kAllowed) {
+MeshBuilder::MeshBuilder(const std::string& path, bool y_up) : y_up_(y_up), allowed_(kAllowed) {
   mesh_.source = path;
 }
 
@@ -144,10 +143,6 @@ Result<std::size_t> MeshBuilder::texture(const std::string& reference, const std
   if (!found) return missing("texture", reference);
   const std::string file = beside(*found);
   if (const auto known = textures_.find(file); known != textures_.end()) return known->second;
-  if (only_files_) {
-    add_file(file);
-    return 0;
-  }
   const std::uint64_t allowed = allowed_;
   const auto bytes = read(file);
   allowed_ = allowed;  // pictures have a limit of their own

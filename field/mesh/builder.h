@@ -25,11 +25,9 @@ struct MeshVertex {
 
 class MeshBuilder {
  public:
-  /// `only_files`: readers stop when they know the names of all files; texture() decodes nothing.
-  MeshBuilder(const std::string& path, bool y_up, bool only_files);
+  MeshBuilder(const std::string& path, bool y_up);
 
   [[nodiscard]] const std::string& path() const { return mesh_.source; }
-  [[nodiscard]] bool only_files() const { return only_files_; }
   [[nodiscard]] Mesh& mesh() { return mesh_; }
   /// Errors name the file and the part of it that is being read.
   void at(std::string part) { part_ = std::move(part); }
@@ -83,7 +81,7 @@ class MeshBuilder {
                                               const std::string& reference) const;
   static constexpr std::uint64_t kMost = std::uint64_t{1} << 50;
   Mesh mesh_;
-  const bool y_up_, only_files_;
+  const bool y_up_;
   std::vector<glm::dvec3> positions_;
   std::map<std::string, std::size_t> textures_;  // by path or name
   std::uint64_t allowed_, used_ = 0;             // bytes

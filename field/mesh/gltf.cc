@@ -5,6 +5,7 @@
 #include <limits>
 #include <map>
 
+#include "base/base64.h"
 #include "base/try.h"
 #include "field/mesh/builder.h"
 #include "field/mesh/compact_json.h"
@@ -49,29 +50,6 @@ std::string name_of(const JsonValue& value, std::size_t index) {
   return name.empty() ? std::to_string(index) : std::string(name);
 }
 
-std::optional<Bytes> decode_base64(std::string_view text) {
-  Bytes bytes;
-  bytes.reserve(text.size() / 4 * 3);
-  std::uint32_t bits = 0;
-  int have = 0;  // of them
-  for (const char c : text) {
-    if (c == '=') break;
-    const int value = c >= 'A' && c <= 'Z'   ? c - 'A'
-                      : c >= 'a' && c <= 'z' ? c - 'a' + 26
-                      : c >= '0' && c <= '9' ? c - '0' + 52
-                      : c == '+' || c == '-' ? 62
-                      : c == '/' || c == '_' ? 63
-                                             : -1;
-    if (value < 0) return {};
-    bits = bits << 6 | static_cast<unsigned>(value);
-    have += 6;
-    if (have < 8) continue;
-    have -= 8;
-    bytes.push_back(static_cast<std::byte>(bits >> have));
-  }
-  return bytes;
-}
-
 /// The numbers of an accessor, `width` for each element; none: width is 0.
 template <class T>
 struct Elements {
@@ -97,7 +75,6 @@ class GltfReader {
     for (const JsonValue& name : root_["extensionsUsed"].items())
       if (!is_read(name.text()))
         to_.note("the glTF extension " + std::string(name.text()) + " is not read");
-    if (to_.only_files()) return list_files();
     for (const auto& [list, name] : {std::pair{&buffers_, "buffers"},
                                      {&views_, "bufferViews"},
                                      {&accessors_, "accessors"},
@@ -171,15 +148,6 @@ class GltfReader {
     return {};
   }
 
-  Result<void> list_files() {
-    for (const char* list : {"buffers", "images"})
-      for (const JsonValue& item : root_[list].items()) {
-        const std::string uri(item["uri"].text());
-        if (!uri.empty() && !uri.starts_with("data:")) (void)to_.texture(uri);
-      }
-    return {};
-  }
-
   /// The bytes of a URI: data, or a file.
   Result<Bytes> fetch(std::string_view uri, const std::string& what) {
     if (uri.starts_with("data:")) {
@@ -190,9 +158,11 @@ class GltfReader {
         const auto* begin = reinterpret_cast<const std::byte*>(plain.data());
         return Bytes(begin, begin + plain.size());
       }
-      auto bytes = decode_base64(data.find('%') == data.npos ? data : decode_percent(data));
-      if (!bytes) return wrong(what, ": its base64 is damaged");
-      return std::move(*bytes);
+      const std::string text = decode_percent(data);
+      std::string_view rest = text;
+      auto bytes = decode_base64(rest);
+      if (!rest.empty()) return wrong(what, ": its base64 is damaged");
+      return bytes;
     }
     return to_.read(what, std::string(uri));
   }

@@ -117,7 +117,6 @@ class ObjReader {
 
   Result<void> read() {
     SLF_TRY(read_vertices());
-    if (to_.only_files()) return {};
     materials_.emplace_back();  // of faces without one
     for (const Material& m : materials_) {
       const Map& map = m.color_map.file.empty() ? m.opacity_map : m.color_map;
@@ -154,7 +153,6 @@ class ObjReader {
       if (word == "mtllib") {
         SLF_TRY(read_library(std::string(volume_io::trim(rest))));
       } else if (word == "v" || word == "vt" || word == "vn") {
-        if (to_.only_files()) continue;
         std::array<double, 7> numbers{};
         std::size_t count = 0;
         for (rest = without_comment(rest); count < numbers.size(); ++count) {
@@ -239,9 +237,6 @@ class ObjReader {
       } else if (word == "map_d") {
         to->opacity_map = map_of(volume_io::trim(rest));
       }
-      const bool map = word.starts_with("map_") || word == "bump" || word == "disp" ||
-                       word == "decal" || word == "refl" || word == "norm";
-      if (map && to_.only_files()) (void)to_.texture(map_of(volume_io::trim(rest)).file, folder);
     }
     return {};
   }

@@ -93,7 +93,6 @@ class PlyReader {
       faces_own_ = faces_own_ || own || (e.name == "face" && find_color(e)[0] >= 0);
     }
     SLF_TRY(read_materials(mapped));
-    if (to_.only_files()) return {};
     for (const Element& element : elements_) SLF_TRY(read_element(element));
     Mesh& mesh = to_.mesh();
     for (MeshMaterial& m : mesh.materials)

@@ -19,29 +19,6 @@ std::string extension_of(std::string_view path) {
   return extension.empty() ? extension : extension.substr(1);
 }
 
-/// `use` takes what it wants of the builder, which then has read the file.
-template <class Use>
-auto read(const std::string& path, UpAxis up, bool only_files, const Use& use) noexcept {
-  using Value = std::invoke_result_t<Use, MeshBuilder&>;
-  auto made = guarded([&]() -> Value {
-    const std::string extension = extension_of(path);
-    const bool gltf = extension.starts_with("gl");
-    const bool y_up = up == UpAxis::y || (up == UpAxis::by_format && (gltf || extension == "obj"));
-    MeshBuilder builder(path, y_up, only_files);
-    const Bytes bytes = SLF_TRY(builder.read(path));
-    if (bytes.empty()) return builder.wrong("is empty (0 bytes)");
-    const auto reader = gltf                 ? read_gltf
-                        : extension == "obj" ? read_obj
-                        : extension == "ply" ? read_ply
-                                             : read_stl;
-    SLF_TRY(reader(bytes, builder));
-    return use(builder);
-  });
-  if (!made && made.error().message.find(path) == std::string::npos)
-    return Value(fail(made.error().code, path, ": ", made.error().message));
-  return Value(std::move(made));
-}
-
 }  // namespace
 
 bool is_mesh_name(std::string_view path) {
@@ -49,13 +26,23 @@ bool is_mesh_name(std::string_view path) {
 }
 
 Result<Mesh> read_mesh(const std::string& path, UpAxis up) {
-  return read(path, up, false, [](MeshBuilder& builder) { return builder.finish(); });
-}
-
-Result<std::vector<std::string>> mesh_files(const std::string& path) {
-  return read(path, UpAxis::by_format, true, [](MeshBuilder& builder) {
-    return Result<std::vector<std::string>>(builder.mesh().files);
+  auto made = guarded([&]() -> Result<Mesh> {
+    const std::string extension = extension_of(path);
+    const bool gltf = extension.starts_with("gl");
+    const bool y_up = up == UpAxis::y || (up == UpAxis::by_format && (gltf || extension == "obj"));
+    MeshBuilder builder(path, y_up);
+    const Bytes bytes = SLF_TRY(builder.read(path));
+    if (bytes.empty()) return builder.wrong("is empty (0 bytes)");
+    const auto reader = gltf                 ? read_gltf
+                        : extension == "obj" ? read_obj
+                        : extension == "ply" ? read_ply
+                                             : read_stl;
+    SLF_TRY(reader(bytes, builder));
+    return builder.finish();
   });
+  if (!made && made.error().message.find(path) == std::string::npos)
+    return fail(made.error().code, path, ": ", made.error().message);
+  return made;
 }
 
 }  // namespace slf

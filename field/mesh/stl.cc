@@ -84,7 +84,6 @@ Result<void> read_binary(ByteSpan bytes, MeshBuilder& to) {
 }  // namespace
 
 Result<void> read_stl(ByteSpan bytes, MeshBuilder& to) {
-  if (to.only_files()) return {};
   const std::string_view text(reinterpret_cast<const char*>(bytes.data()), bytes.size());
   SLF_TRY(is_text(text) ? read_text(text, to) : read_binary(bytes, to));
   MeshMaterial material;

@@ -408,7 +408,7 @@ RayCounts trace_typed(const RayGrid& grid, std::span<const Segment> rays,
                       std::span<RaySample> out) {
   using S = std::conditional_t<kLabels, std::uint8_t, T>;
   RayBatch batch{};
-  Samples<S> samples{};
+  Samples<S> samples;
   std::fill(out.begin(), out.end(), RaySample{});
   const bool lit = !grid.light_volume.nodes.empty();
 

@@ -19,15 +19,17 @@ namespace {
 
 /// What arrives at kLanes places, given in nodes, trilinear between them: `found` has the channels
 /// of an ArrivingLight. A node's bytes are the lanes of a vector, so each of a sample's eight nodes
-/// is one load. Finds it for the first `count` lanes.
-HWY_INLINE void look_up(const LightGrid& grid, const Floats (&at)[3], std::size_t count,
-                        Floats (&found)[kChannels + 1]) {
+/// is one load. Finds it for the first `count` lanes; those without opacity look up the first
+/// nodes.
+HWY_INLINE void look_up(const LightGrid& grid, const Floats (&at)[3], Floats opacity,
+                        std::size_t count, Floats (&found)[kChannels + 1]) {
   const Ints zero = hn::Zero(kInts), one = hn::Set(kInts, 1);
   Floats share[3][2];
   Ints first = zero, step[3];
   for (int axis = 2; axis >= 0; --axis) {
     const Ints last = hn::Set(kInts, grid.dims[axis] - 1);
-    const Floats p = hn::Max(hn::Zero(kFloats), at[axis]);
+    const Floats p =
+        hn::IfThenElseZero(opacity > hn::Zero(kFloats), hn::Max(hn::Zero(kFloats), at[axis]));
     // Lanes after the last sample hold anything: clamp, so that every access is in the grid.
     const Ints cell = hn::Max(zero, hn::Min(hn::ConvertTo(kInts, p), last));
     share[axis][1] = hn::Min(p - hn::ConvertTo(kFloats, cell), hn::Set(kFloats, 1.f));
@@ -61,6 +63,8 @@ HWY_INLINE void look_up(const LightGrid& grid, const Floats (&at)[3], std::size_
     for (int corner = 0; corner < 8; ++corner) {
       const std::uint8_t* node =
           grid.nodes.data() + LightGrid::kNodeBytes * static_cast<std::size_t>(nodes[corner][lane]);
+      if (HWY_UNLIKELY(node[kChannels] == kMissingNode))
+        grid.missed->add(static_cast<std::size_t>(nodes[corner][lane]));
       const NodeUnits& units = kNodeUnits[node[kChannels]];
       const auto weight = hn::Set(channels, weights[corner][lane]);
       for (std::size_t v = 0; v < kVectors; ++v) {
@@ -204,7 +208,8 @@ HWY_INLINE void find_light(const RayGrid& grid, Samples<S>& samples) {
                      hn::Set(kFloats, static_cast<float>(1 / light.spacing)), beside * aside[axis]);
     }
     Floats found[kChannels + 1];
-    look_up(light, nodes, std::min(kLanes, samples.size - i), found);
+    look_up(light, nodes, hn::Load(kFloats, samples.opacity + i),
+            std::min(kLanes, samples.size - i), found);
     // Green, from a luminance of 1.
     const Floats green =
         hn::NegMulAdd(hn::Set(kFloats, kLuminance.r / kLuminance.g), found[9],

@@ -28,7 +28,7 @@ constexpr std::size_t kMaxSamples = 128;
 constexpr std::size_t kPadded = kMaxSamples + kLanes;
 
 /// Intervals in which a ray may see something, each in one cell of the volume, along which values
-/// and gradients are cubic polynomials.
+/// and gradients are cubic polynomials. Behind the last one, arrays hold anything.
 template <class S>
 struct Samples {
   std::size_t size = 0;
@@ -37,8 +37,8 @@ struct Samples {
   alignas(64) float across[3][kPadded];  // from start to end
   alignas(64) float length[kPadded];
   alignas(64) std::int32_t cell[3][kPadded];
-  alignas(64) std::int32_t row[kPadded];  // where the row of its structure begins in the table
-  alignas(64) std::int32_t ray[kPadded];  // in the batch
+  alignas(64) std::int32_t row[kPadded] = {};  // where that of its structure begins in the table
+  alignas(64) std::int32_t ray[kPadded];       // in the batch
   // Positions in the row, at the ends of the pieces.
   alignas(64) float value[kPieces + 1][kPadded];
   // What the interval adds to the light that enters it, of which each piece adds a share.

@@ -7,7 +7,7 @@
 #include <sstream>
 #include <unordered_map>
 
-#include "field/volume/transfer_color.h"
+#include "field/look/transfer_color.h"
 #include "field/volume/voxels.h"
 
 namespace slf {

@@ -262,7 +262,8 @@ Result<Volume> read_dicom_folder(const std::string& path, const VolumeOptions& o
   return read_chosen(path, scan, options.series, options);
 }
 
-Result<Volume> read_dicom_file(const std::string& path, const VolumeOptions& options) {
+Result<Volume> read_dicom_file(const std::string& path, std::string_view,
+                               const VolumeOptions& options) {
   const auto slices = SLF_TRY(read_dicom_slices(path));
   const bool is_directory =
       slices.empty() && lower(std::filesystem::path(path).filename().string()) == "dicomdir";

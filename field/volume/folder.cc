@@ -7,7 +7,7 @@
 #include <set>
 
 #include "base/try.h"
-#include "field/volume/known_formats.h"
+#include "field/volume/formats.h"
 #include "field/volume/stack.h"
 
 namespace slf::volume_io {
@@ -113,7 +113,7 @@ Result<std::optional<Volume>> read_set(const std::vector<std::string>& files,
   for (const std::string& file : {files.front(), files.back()}) {
     const auto described = SLF_TRY(files_of_tiff_set(file));
     if (described.empty() || described == std::set<std::string>{name_of(file)}) continue;
-    auto volume = SLF_TRY(read_tiff(file, options));
+    auto volume = SLF_TRY(read_tiff(file, {}, options));
     const auto strays = std::ranges::count_if(
         files, [&](const std::string& other) { return !described.contains(name_of(other)); });
     if (strays > 0)

@@ -168,46 +168,26 @@ void widen_half_floats(Volume& volume);
 /// The next line of `text` from `at` on, without its end. Moves `at` to the line after it.
 [[nodiscard]] std::string_view next_line(std::string_view text, std::size_t& at);
 
-/// Whether the file is of a format that has a reader here.
-[[nodiscard]] bool is_volume_file(std::string_view head);
-
-// The readers, one per format. `head` is from read_head() and includes the whole header.
-[[nodiscard]] bool looks_like_nifti(std::string_view head);
-/// Whether this is a header of NIfTI or Analyze 7.5 whose voxels are in another file.
-[[nodiscard]] bool is_header_of_pair(std::string_view head);
-[[nodiscard]] bool looks_like_meta(std::string_view head);
+// The readers, one per format; formats.h lists them. `head` is from read_head() and includes the
+// whole header.
+using Recogniser = bool(std::string_view head);
+using FormatReader = Result<Volume>(const std::string& path, std::string_view head,
+                                    const VolumeOptions& options);
+[[nodiscard]] Recogniser looks_like_nrrd, looks_like_nifti, looks_like_meta, looks_like_mrc,
+    looks_like_vti, looks_like_tiff, looks_like_png, looks_like_jpeg, looks_like_npy,
+    looks_like_npz, looks_like_mgh, looks_like_vtk;
 /// Files may lack the preamble: then they begin with elements.
-[[nodiscard]] bool looks_like_dicom(std::string_view head);
-[[nodiscard]] bool looks_like_mrc(std::string_view head);
-[[nodiscard]] bool looks_like_vti(std::string_view head);
-[[nodiscard]] bool looks_like_tiff(std::string_view head);
-[[nodiscard]] bool looks_like_png(std::string_view head);
-[[nodiscard]] bool looks_like_jpeg(std::string_view head);
-[[nodiscard]] bool looks_like_npy(std::string_view head);
-[[nodiscard]] bool looks_like_npz(std::string_view head);
-[[nodiscard]] bool looks_like_mgh(std::string_view head);
-[[nodiscard]] bool looks_like_vtk(std::string_view head);
-[[nodiscard]] Result<Volume> read_nifti(const std::string& path, std::string_view head,
-                                        const VolumeOptions& options);
-[[nodiscard]] Result<Volume> read_nrrd(const std::string& path, std::string_view head,
-                                       const VolumeOptions& options);
-[[nodiscard]] Result<Volume> read_meta(const std::string& path, std::string_view head,
-                                       const VolumeOptions& options);
-[[nodiscard]] Result<Volume> read_mrc(const std::string& path, std::string_view head,
-                                      const VolumeOptions& options);
-[[nodiscard]] Result<Volume> read_npy(const std::string& path, std::string_view head,
-                                      const VolumeOptions& options);
-[[nodiscard]] Result<Volume> read_npz(const std::string& path, const VolumeOptions& options);
-[[nodiscard]] Result<Volume> read_mgh(const std::string& path, std::string_view head,
-                                      const VolumeOptions& options);
-[[nodiscard]] Result<Volume> read_vtk(const std::string& path, const VolumeOptions& options);
-[[nodiscard]] Result<Volume> read_vti(const std::string& path, const VolumeOptions& options);
-[[nodiscard]] Result<Volume> read_tiff(const std::string& path, const VolumeOptions& options);
+[[nodiscard]] Recogniser looks_like_dicom;
+/// Whether this is a header of NIfTI or Analyze 7.5 whose voxels are in another file.
+[[nodiscard]] Recogniser is_header_of_pair;
+/// Whether a text header names files of voxels, which then are beside it, packed or not.
+[[nodiscard]] Recogniser nrrd_names_files, meta_names_files;
+[[nodiscard]] FormatReader read_nrrd, read_nifti, read_meta, read_dicom_file, read_tiff, read_mrc,
+    read_vti, read_npy, read_npz, read_mgh, read_vtk;
 [[nodiscard]] Result<Volume> read_raw(const std::string& path, const RawLayout& layout,
                                       const VolumeOptions& options);
 [[nodiscard]] Result<Volume> read_dicom_folder(const std::string& path,
                                                const VolumeOptions& options);
-[[nodiscard]] Result<Volume> read_dicom_file(const std::string& path, const VolumeOptions& options);
 /// Reads a folder: DICOM if it has any, else its PNGs, JPEGs or TIFFs, one or more slices each.
 [[nodiscard]] Result<Volume> read_folder(const std::string& path, const VolumeOptions& options);
 

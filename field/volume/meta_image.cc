@@ -151,7 +151,7 @@ Result<void> set_position(const MetaHeader& header, std::size_t rank, const Volu
     volume.axes[static_cast<int>(axis)] = glm::dvec3(row[0], row[1], row[2]) * spacing[axis];
     volume.origin[static_cast<int>(axis)] = origin[axis];
   }
-  return place(options, volume);
+  return {};
 }
 
 Result<void> read_scale(const MetaHeader& header, Volume& volume) {
@@ -267,6 +267,15 @@ bool looks_like_meta(std::string_view head) {
   for (const auto* known : {"ObjectType", "NDims", "DimSize", "Comment", "ObjectSubType",
                             "TransformType", "ElementType", "BinaryData", "ID", "Name"})
     if (field == known) return true;
+  return false;
+}
+
+bool meta_names_files(std::string_view head) {
+  for (std::size_t at = 0; at < head.size();) {
+    const std::string line = lower(trim(next_line(head, at)));
+    if (line.starts_with("elementdatafile"))
+      return trim(std::string_view(line).substr(line.find('=') + 1)) != "local";
+  }
   return false;
 }
 

@@ -98,6 +98,10 @@ Result<void> set_position(const Words& words, const std::array<int, 3>& axis_of,
     if (!options.spacing)
       volume.notes.emplace_back("it states no size of its cell: voxels are taken as 1x1x1");
   }
+  for (std::size_t i = 0; i < 3; ++i) {
+    double& along = step[static_cast<int>(axis_of[i])];
+    along = spacing_or(options, i, along);
+  }
   const auto cosine = [&](int i) {
     return std::abs(angle[i] - std::numbers::pi / 2) < 1e-6 ? 0.0 : std::cos(angle[i]);
   };
@@ -108,7 +112,6 @@ Result<void> set_position(const Words& words, const std::array<int, 3>& axis_of,
                         glm::dvec3(cosine(1), y, std::sqrt(std::max(zz, 0.0))) * step[2]);
   for (int storage = 0; storage < 3; ++storage)
     volume.axes[storage] = cell[axis_of[static_cast<std::size_t>(storage)]];
-  SLF_TRY(place(options, volume));
   glm::dvec3 start;
   for (int i = 0; i < 3; ++i) {
     const auto word = static_cast<std::size_t>(i);
@@ -117,7 +120,7 @@ Result<void> set_position(const Words& words, const std::array<int, 3>& axis_of,
   }
   if (volume.origin == glm::dvec3(0)) volume.origin = volume.axes * start;
   volume.placement = "its cell, in angstroms";
-  return check_axes(volume);
+  return {};
 }
 
 /// Reads 4-bit voxels: two per byte, the first in the low half. Each row begins on a new byte.

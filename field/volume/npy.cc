@@ -199,7 +199,7 @@ Result<Volume> read_npy(const std::string& path, std::string_view head,
 
 bool looks_like_npz(std::string_view head) { return first_zip_member(head).ends_with(".npy"); }
 
-Result<Volume> read_npz(const std::string& path, const VolumeOptions& options) {
+Result<Volume> read_npz(const std::string& path, std::string_view, const VolumeOptions& options) {
   const auto members = SLF_TRY(read_zip_members(path));
   std::string arrays;
   std::size_t volumes = 0;

@@ -284,8 +284,7 @@ glm::dvec3 to_lps(const FieldMap& fields) {
   return {1, 1, 1};
 }
 
-Result<void> place_directed(const FieldMap& fields, const std::vector<Axis>& axes,
-                            const VolumeOptions& options, Volume& volume) {
+Result<void> place_directed(const FieldMap& fields, const std::vector<Axis>& axes, Volume& volume) {
   const glm::dvec3 flip = to_lps(fields);
   for (int i = 0; i < 3; ++i)
     volume.axes[i] = flip * *axes[static_cast<std::size_t>(i)].direction + 0.0;
@@ -296,7 +295,7 @@ Result<void> place_directed(const FieldMap& fields, const std::vector<Axis>& axe
                   in_quotes(found->second), ", expected a vector as (x,y,z)");
     volume.origin = flip * *origin + 0.0;
   }
-  return place(options, volume);
+  return {};
 }
 
 /// The distance between two samples that an axis states, by itself or by its ends; NaN: none. As in
@@ -345,7 +344,7 @@ Result<void> place_by_spacing(const std::vector<Axis>& axes, const VolumeOptions
     volume.notes.push_back(
         "it states no spacing along " + unknown + ": taken as 1" +
         (by_thickness.empty() ? "" : "; the thickness of its samples need not be their distance"));
-  return place(options, volume);
+  return {};
 }
 
 Result<std::uint64_t> parse_skip(const std::string& path, const FieldMap& fields,
@@ -465,6 +464,17 @@ Result<void> locate(const std::string& path, const NrrdHeader& header, ScalarTyp
 
 }  // namespace
 
+bool looks_like_nrrd(std::string_view head) { return head.starts_with("NRRD000"); }
+
+bool nrrd_names_files(std::string_view head) {
+  for (std::size_t at = 0; at < head.size();) {
+    const std::string line = lower(trim(next_line(head, at)));
+    if (line.empty()) break;  // voxels follow
+    if (line.starts_with("data file:") || line.starts_with("datafile:")) return true;
+  }
+  return false;
+}
+
 Result<Volume> read_nrrd(const std::string& path, std::string_view head,
                          const VolumeOptions& options) {
   const auto header = SLF_TRY(parse_nrrd_lines(path, head));
@@ -486,7 +496,7 @@ Result<Volume> read_nrrd(const std::string& path, std::string_view head,
   std::vector<std::uint64_t> sizes;
   for (const Axis& axis : axes) sizes.push_back(axis.size);
   volume.dims = SLF_TRY(check_dims(path, sizes));
-  SLF_TRY(directed ? place_directed(fields, axes, options, volume)
+  SLF_TRY(directed ? place_directed(fields, axes, volume)
                    : place_by_spacing(axes, options, volume));
 
   VoxelData data;

@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <limits>
 
+#include "base/lower_case.h"
 #include "base/utf8.h"
 #include "field/volume/io.h"
 
@@ -18,12 +19,7 @@ std::string_view trim(std::string_view text) {
   return text.substr(first, text.find_last_not_of(kSpace) - first + 1);
 }
 
-std::string lower(std::string_view text) {
-  std::string result(text);
-  for (char& c : result)
-    if (c >= 'A' && c <= 'Z') c = static_cast<char>(c - 'A' + 'a');
-  return result;
-}
+std::string lower(std::string_view text) { return lower_case(std::string(text)); }
 
 std::vector<std::string_view> words(std::string_view text) {
   std::vector<std::string_view> result;

@@ -319,7 +319,7 @@ Result<std::uint64_t> append_tiff(const std::string& path, const VolumeOptions& 
   return stack.d.z;
 }
 
-Result<Volume> read_tiff(const std::string& path, const VolumeOptions& options) {
+Result<Volume> read_tiff(const std::string& path, std::string_view, const VolumeOptions& options) {
   auto stack = SLF_TRY(survey(path, options));
   TiffDescription& d = stack.d;
   Volume volume;
@@ -344,7 +344,6 @@ Result<Volume> read_tiff(const std::string& path, const VolumeOptions& options) 
   const auto channel = choose_channel(path, stack, options);
   if (!channel) return tl::unexpected(channel.error());
   set_spacing(d, options, volume);
-  SLF_TRY(place(options, volume));
   if (raw_stack)
     return read_raw_stack(*stack.file, stack.kind, d, page_of(d, 0, channel->channel, time),
                           std::move(volume));

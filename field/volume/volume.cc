@@ -7,8 +7,8 @@
 #include <new>
 
 #include "base/try.h"
+#include "field/volume/formats.h"
 #include "field/volume/io.h"
-#include "field/volume/known_formats.h"
 #include "field/volume/voxels.h"
 
 namespace slf {
@@ -87,62 +87,16 @@ bool make_labels(Volume& volume) {
 constexpr std::size_t kMinHeaderBytes = std::size_t{1} << 16;
 constexpr std::size_t kMaxHeaderBytes = kMinHeaderBytes << 4;
 
-/// Formats whose arrays or images have names.
-bool names_arrays(std::string_view head) {
-  return looks_like_vti(head) || looks_like_tiff(head) || looks_like_vtk(head) ||
-         looks_like_npz(head);
-}
-
-/// Formats whose readers unpack by themselves, as they go. Others need the unpacked file.
-bool unpacks_itself(std::string_view head) {
-  return looks_like_nifti(head) || looks_like_mrc(head) || looks_like_dicom(head) ||
-         looks_like_npy(head) || looks_like_mgh(head);
-}
-
-/// Whether a text header names files of voxels, which then are beside it, packed or not.
-bool names_data_files(std::string_view head) {
-  const bool nrrd = head.starts_with("NRRD000");
-  if (!nrrd && !looks_like_meta(head)) return false;
-  for (std::size_t at = 0; at < head.size();) {
-    const std::string line = lower(trim(next_line(head, at)));
-    if (nrrd && line.empty()) return false;  // voxels follow
-    if (nrrd && (line.starts_with("data file:") || line.starts_with("datafile:"))) return true;
-    if (!nrrd && line.starts_with("elementdatafile"))
-      return trim(std::string_view(line).substr(line.find('=') + 1)) != "local";
-  }
-  return false;
-}
-
-/// Reads a file of any format, `head` being its first bytes, unpacked.
-Result<Volume> read_file(const std::string& path, std::string_view head,
-                         const VolumeOptions& options) {
-  if (head.starts_with("NRRD000")) return read_nrrd(path, head, options);
-  if (looks_like_nifti(head)) return read_nifti(path, head, options);
-  if (looks_like_meta(head)) return read_meta(path, head, options);
-  if (looks_like_dicom(head)) return read_dicom_file(path, options);
-  if (looks_like_tiff(head)) return read_tiff(path, options);
-  if (looks_like_mrc(head)) return read_mrc(path, head, options);
-  if (looks_like_vti(head)) return read_vti(path, options);
-  if (looks_like_npy(head)) return read_npy(path, head, options);
-  if (looks_like_npz(head)) return read_npz(path, options);
-  if (looks_like_mgh(head)) return read_mgh(path, head, options);
-  if (looks_like_vtk(head)) return read_vtk(path, options);
-  if (looks_like_png(head) || looks_like_jpeg(head))
-    return fail(ErrorCode::unsupported, path,
-                ": one picture, expected a volume: give the folder that holds the whole stack");
-  return tl::unexpected(refuse_file(path, head));
-}
-
 /// Replaces the path of an unpacked file by that of the packed one.
 void rename_source(std::string& text, const std::string& from, const std::string& to) {
   for (auto at = text.find(from); at != std::string::npos; at = text.find(from, at + to.size()))
     text.replace(at, from.size(), to);
 }
 
-Result<Volume> read_packed(const std::string& path, std::string_view head,
-                           const VolumeOptions& options) {
+Result<Volume> read_packed(const VolumeFormat& format, const std::string& path,
+                           std::string_view head, const VolumeOptions& options) {
   const auto unpacked = SLF_TRY(UnpackedFile::make(path));
-  auto volume = read_file(unpacked.path(), head, options);
+  auto volume = format.read(unpacked.path(), head, options);
   if (!volume) {
     rename_source(volume.error().message, unpacked.path(), path);
     return volume;
@@ -178,14 +132,17 @@ Result<Volume> read_any(const std::string& path, const VolumeOptions& options) {
     return fail(ErrorCode::bad_file, path, ": the file is empty; copy or download it again");
   const auto head = SLF_TRY(
       read_head(path, std::clamp<std::uint64_t>(size * 4, kMinHeaderBytes, kMaxHeaderBytes)));
-  if (!looks_like_dicom(head)) SLF_TRY(refuse_series(path, options));
-  if (options.array && !names_arrays(head))
+  const VolumeFormat* format = format_of(head);
+  if (!format || format->read != read_dicom_file) SLF_TRY(refuse_series(path, options));
+  if (options.array && !(format && format->names_arrays))
     return fail(ErrorCode::usage, path, ": array ", in_quotes(*options.array),
                 " was chosen, but files of this format name none");
-  if (packing_of_file(path) != Packing::none && is_volume_file(head) && !unpacks_itself(head) &&
-      !names_data_files(head))
-    return read_packed(path, head, options);
-  return read_file(path, head, options);
+  if (!format) return tl::unexpected(refuse_file(path, head));
+  const bool as_it_is =
+      format->unpacks_itself || (format->names_files && format->names_files(head));
+  if (packing_of_file(path) != Packing::none && !as_it_is)
+    return read_packed(*format, path, head, options);
+  return format->read(path, head, options);
 }
 
 }  // namespace
@@ -240,13 +197,6 @@ std::array<double, 2> Volume::value_range() const {
 }
 
 namespace volume_io {
-
-bool is_volume_file(std::string_view head) {
-  return head.starts_with("NRRD000") || looks_like_nifti(head) || looks_like_meta(head) ||
-         looks_like_dicom(head) || looks_like_tiff(head) || looks_like_mrc(head) ||
-         looks_like_vti(head) || looks_like_npy(head) || looks_like_npz(head) ||
-         looks_like_mgh(head) || looks_like_vtk(head);
-}
 
 Result<Volume> read_raw(const std::string& path, const RawLayout& layout,
                         const VolumeOptions& options) {

@@ -196,7 +196,7 @@ std::string list(const std::vector<std::string>& names) {
 
 bool looks_like_vti(std::string_view head) { return head.find("<VTKFile") < 4096; }
 
-Result<Volume> read_vti(const std::string& path, const VolumeOptions& options) {
+Result<Volume> read_vti(const std::string& path, std::string_view, const VolumeOptions& options) {
   auto document = SLF_TRY(read_vti_document(path, options.array));
   VtiDocument& d = document;
   Volume volume;

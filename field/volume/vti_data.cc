@@ -6,8 +6,10 @@
 #include <algorithm>
 #include <array>
 #include <bit>
+#include <functional>
 #include <limits>
 
+#include "base/base64.h"
 #include "base/bytes.h"
 #include "base/try.h"
 #include "field/volume/io.h"
@@ -16,79 +18,24 @@
 namespace slf::volume_io {
 namespace {
 
-/// A stream of bytes, from a file or from base64 text.
-class Source {
- public:
-  virtual ~Source() = default;
-  /// Fills `to`, or returns how many bytes there were.
-  [[nodiscard]] virtual Result<std::size_t> read(std::span<std::byte> to) = 0;
-  /// Call where a new base64 sequence begins.
-  virtual void begin_sequence() {}
-};
+/// Fills `to` with the next bytes of the data, or returns how many there were.
+using Source = std::function<Result<std::size_t>(std::span<std::byte> to)>;
 
-class FileSource final : public Source {
- public:
-  explicit FileSource(ByteReader reader) : reader_(std::move(reader)) {}
-  Result<std::size_t> read(std::span<std::byte> to) override { return reader_.read(to); }
-
- private:
-  ByteReader reader_;
-};
-
-class Base64Source final : public Source {
- public:
-  explicit Base64Source(std::string_view text) : text_(text) {}
-
-  Result<std::size_t> read(std::span<std::byte> to) override {
-    std::size_t done = 0;
-    while (done < to.size()) {
-      if (used_ == decoded_.size() && !decode()) break;
-      to[done++] = decoded_[used_++];
-    }
-    return done;
-  }
-  void begin_sequence() override { used_ = decoded_.size(); }
-
- private:
-  static int value_of(char c) {
-    if (c >= 'A' && c <= 'Z') return c - 'A';
-    if (c >= 'a' && c <= 'z') return c - 'a' + 26;
-    if (c >= '0' && c <= '9') return c - '0' + 52;
-    return c == '+' ? 62 : c == '/' ? 63 : -1;
-  }
-
-  /// The next four characters; false at the end, or at one that is not base64.
-  bool decode() {
-    unsigned bits = 0;
-    int count = 0, padding = 0;
-    for (; count < 4 && at_ < text_.size(); ++at_) {
-      const char c = text_[at_];
-      if (c == ' ' || c == '\t' || c == '\r' || c == '\n') continue;
-      const int value = c == '=' ? 0 : value_of(c);
-      if (value < 0 || (padding > 0 && c != '=')) return false;
-      padding += c == '=';
-      bits = bits << 6 | static_cast<unsigned>(value);
-      ++count;
-    }
-    if (count < 4 || padding > 2) return false;
-    decoded_.clear();
-    used_ = 0;
-    for (int i = 0; i < 3 - padding; ++i)
-      decoded_.push_back(static_cast<std::byte>(bits >> (16 - 8 * i) & 0xff));
-    return true;
-  }
-
-  std::string_view text_;
-  std::size_t at_ = 0;
-  std::vector<std::byte> decoded_;
-  std::size_t used_ = 0;
-};
+Source from_base64(std::string_view text) {
+  return [bytes = decode_base64(text), at = std::size_t{0}](std::span<std::byte> to) mutable {
+    const std::size_t count = std::min(to.size(), bytes.size() - at);
+    std::copy_n(bytes.begin() + static_cast<std::ptrdiff_t>(at), count, to.begin());
+    at += count;
+    return Result<std::size_t>(count);
+  };
+}
 
 /// Reads one of the integers before the data.
-Result<std::uint64_t> read_count(const VtiDocument& d, Source& source, const std::string& path) {
+Result<std::uint64_t> read_count(const VtiDocument& d, const Source& source,
+                                 const std::string& path) {
   std::array<std::byte, 8> bytes{};
   const std::size_t width = d.wide_header ? 8 : 4;
-  const auto got = SLF_TRY(source.read(std::span(bytes).first(width)));
+  const auto got = SLF_TRY(source(std::span(bytes).first(width)));
   if (got != width)
     return fail(ErrorCode::bad_file, path, ": its data end before their own length");
   if (width == 8)
@@ -134,7 +81,7 @@ constexpr std::array<Compressor, 3> kCompressors = {{{"vtkZLibDataCompressor", u
                                                      {"vtkLZMADataCompressor", unpack_lzma, 8192}}};
 
 /// Decodes packed blocks into `to`, which grows with the decoded data.
-Result<void> read_blocks(const VtiDocument& d, const Compressor& compressor, Source& source,
+Result<void> read_blocks(const VtiDocument& d, const Compressor& compressor, const Source& source,
                          std::uint64_t needed, std::vector<std::byte>& to) {
   const std::string& path = d.path;
   std::array<std::uint64_t, 3> head{};  // blocks, bytes of a block, bytes of the last
@@ -153,7 +100,6 @@ Result<void> read_blocks(const VtiDocument& d, const Compressor& compressor, Sou
     const auto size = SLF_TRY(read_count(d, source, path));
     packed.push_back(size);
   }
-  source.begin_sequence();
   std::vector<std::byte> in, out;
   for (std::uint64_t i = 0; i < blocks; ++i) {
     const std::uint64_t size = i + 1 == blocks && last ? last : block;
@@ -162,7 +108,7 @@ Result<void> read_blocks(const VtiDocument& d, const Compressor& compressor, Sou
       return fail(ErrorCode::bad_file, path, ": packed block ", i, " of ", packed[i],
                   " bytes cannot hold ", size);
     in.resize(packed[i]);
-    const auto got = SLF_TRY(source.read(in));
+    const auto got = SLF_TRY(source(in));
     out.resize(size);
     if (got != in.size() || !compressor.unpack(in, out))
       return fail(ErrorCode::bad_file, path, ": packed block ", i, " of ", blocks,
@@ -174,7 +120,7 @@ Result<void> read_blocks(const VtiDocument& d, const Compressor& compressor, Sou
 
 /// Reads all numbers of the array as bytes, in native order, components side by side.
 Result<std::vector<std::byte>> read_packed(const VtiDocument& d, const VtiArray& array,
-                                           const Compressor* compressor, Source& source,
+                                           const Compressor* compressor, const Source& source,
                                            ScalarType type, std::uint64_t needed) {
   const std::string& path = d.path;
   std::vector<std::byte> bytes;
@@ -186,7 +132,7 @@ Result<std::vector<std::byte>> read_packed(const VtiDocument& d, const VtiArray&
       return fail(ErrorCode::bad_file, path, ": the array ", in_quotes(array.name), " holds ",
                   count, " bytes, expected ", needed);
     bytes.resize(needed);
-    const auto got = SLF_TRY(source.read(bytes));
+    const auto got = SLF_TRY(source(bytes));
     if (got != needed)
       return fail(ErrorCode::bad_file, path, ": expected ", needed, " bytes of voxels, found ", got,
                   ": the file is truncated");
@@ -238,24 +184,21 @@ Result<std::vector<std::byte>> read_vti_data(const VtiDocument& d, const VtiArra
     return fail(ErrorCode::bad_file, path, ": its extent needs ", needed,
                 " bytes of voxels, but the file holds ", size, compressor ? " packed" : "",
                 ": it is truncated, or its extent is wrong");
-  if (array.format == "binary") {
-    Base64Source source(array.text);
-    return read_packed(d, array, compressor, source, type, needed);
-  }
+  if (array.format == "binary")
+    return read_packed(d, array, compressor, from_base64(array.text), type, needed);
   const auto begin = SLF_TRY(find_appended(path, d.appended));
   if (array.offset > size - begin)
     return fail(ErrorCode::bad_file, path, ": the array ", in_quotes(array.name), " begins ",
                 array.offset, " bytes into the appended data, beyond the end of the file");
   auto reader = SLF_TRY(ByteReader::open(path, begin + array.offset, false));
-  if (d.appended_raw) {
-    FileSource source(std::move(reader));
-    return read_packed(d, array, compressor, source, type, needed);
-  }
+  if (d.appended_raw)
+    return read_packed(
+        d, array, compressor, [&](std::span<std::byte> to) { return reader.read(to); }, type,
+        needed);
   std::string text(size - begin - array.offset, '\0');
   const auto got = SLF_TRY(reader.read(std::as_writable_bytes(std::span(text))));
   text.resize(got);
-  Base64Source source(text);
-  return read_packed(d, array, compressor, source, type, needed);
+  return read_packed(d, array, compressor, from_base64(text), type, needed);
 }
 
 }  // namespace slf::volume_io

@@ -307,7 +307,7 @@ bool looks_like_vtk(std::string_view head) {
   return lower(head.substr(0, 32)).starts_with("# vtk datafile version");
 }
 
-Result<Volume> read_vtk(const std::string& path, const VolumeOptions& options) {
+Result<Volume> read_vtk(const std::string& path, std::string_view, const VolumeOptions& options) {
   const auto size = SLF_TRY(file_size(path));
   const auto document = SLF_TRY(VtkParser(path, size).parse());
   if (document.arrays.empty())

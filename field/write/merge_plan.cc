@@ -174,7 +174,7 @@ tl::unexpected<Error> missing(const std::vector<NumberRange>& ranges, const Tile
     names += (k == 0 ? "" : ", ") + name_of(order, ranges[k]);
   if (ranges.size() > kMaxNamed)
     names += ", and " + std::to_string(ranges.size() - kMaxNamed) + " more ranges";
-  return fail(ErrorCode::usage, "no part holds ", names);
+  return fail_without("part", ErrorCode::usage, "no part holds ", names);
 }
 
 }  // namespace

@@ -85,10 +85,6 @@ enum class UpAxis : std::uint8_t {
 /// files have bytes.
 [[nodiscard]] Result<Mesh> read_mesh(const std::string& path, UpAxis up = UpAxis::by_format);
 
-/// Every file that a mesh consists of, without reading its pictures: the file itself, and the
-/// material files, buffers and textures that it names, where they exist. Errors as read_mesh().
-[[nodiscard]] Result<std::vector<std::string>> mesh_files(const std::string& path);
-
 /// "xxh3-128:" and 32 hexadecimal digits: a hash of everything that shows. Equal meshes have equal
 /// hashes, whatever file they were read from.
 [[nodiscard]] std::string content_hash(const Mesh& mesh);

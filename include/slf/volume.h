@@ -119,6 +119,9 @@ struct VolumeOptions {
   bool resample = false;
 };
 
+/// The formats of files that read_volume() reads, but DICOM and raw data: "NRRD, NIfTI, ...".
+[[nodiscard]] std::string volume_format_names();
+
 /// Reads NIfTI-1/2 (.nii, .hdr with .img), Analyze 7.5 (.hdr with .img), FreeSurfer's .mgh and
 /// .mgz, NRRD (.nrrd, .nhdr), MetaImage (.mha, .mhd), DICOM, TIFF stacks (OME-TIFF and ImageJ's
 /// among them), VTK images (.vti, .pvti, and .vtk with structured points), MRC/CCP4 (.mrc, .map),

@@ -11,7 +11,7 @@ import pytest
 
 import slf
 
-SMALL = dict(entry=2, exit=8, levels=1)
+SMALL = dict(entry=2, exit=8, finest_level=1)
 SMALL_ARGUMENTS = ["--entry", "2", "--exit", "8", "--levels", "1"]
 
 

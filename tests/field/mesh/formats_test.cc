@@ -337,10 +337,11 @@ TEST_F(MeshFormats, GltfNamesOfFiles) {
   write(folder_ / "b in%.bin", plain.data);
   write(folder_ / "my te\xC3\xBCx.png", picture());
   expect_same("n.gltf", named.doc.dump(), "b.glb", plain.glb());
-  const auto files = mesh_files(folder_ / "n.gltf");
-  ASSERT_TRUE(files) << files.error().message;
-  EXPECT_THAT(*files, ::testing::UnorderedElementsAre(folder_ / "n.gltf", folder_ / "b in%.bin",
-                                                      folder_ / "my te\xC3\xBCx.png"));
+  const auto named_mesh = read_mesh(folder_ / "n.gltf");
+  ASSERT_TRUE(named_mesh) << named_mesh.error().message;
+  EXPECT_THAT(named_mesh->files,
+              ::testing::UnorderedElementsAre(folder_ / "n.gltf", folder_ / "b in%.bin",
+                                              folder_ / "my te\xC3\xBCx.png"));
 
   std::string base64;
   for (std::size_t k = 0; k < plain.data.size(); k += 3) {
@@ -476,7 +477,7 @@ TEST_F(MeshFormats, ObjMaterials) {
   same("newmtl m\nmap_Kd -s 2 2 1 -o 0.25 0.5 tex.png\n", moved);
   expect_same("a.obj", "\xEF\xBB\xBFmtllib sub/m.mtl\n" + std::string(kSquare), "b.glb",
               plain.glb());
-  EXPECT_THAT(*mesh_files(folder_ / "a.obj"),
+  EXPECT_THAT(read_mesh(folder_ / "a.obj")->files,
               ::testing::UnorderedElementsAre(folder_ / "a.obj", folder_ / "sub/m.mtl",
                                               folder_ / "sub/tex/t.png"));
   // Half of it shows, whatever the other half says.
@@ -586,7 +587,7 @@ TEST_F(MeshFormats, PlyFacesWithColoursAndCoordinates) {
                                  "property list uchar float texcoord\nend_header\n" +
                                  vertices + "3 0 1 2 6 0 0 1 0 1 1\n3 0 2 3 6 0.5 0.5 1 0.5 1 1\n"),
                 "b.glb", plain.glb());
-  EXPECT_THAT(*mesh_files(folder_ / "a.ply"), ::testing::Contains(folder_ / "tex.png"));
+  EXPECT_THAT(read_mesh(folder_ / "a.ply")->files, ::testing::Contains(folder_ / "tex.png"));
 }
 
 template <class T>

@@ -21,7 +21,7 @@ std::string at(std::size_t offset, const std::string& bytes) {
   return std::string(offset, '\0') + bytes;
 }
 
-std::vector<Sample> samples_of_known_formats() {
+std::vector<Sample> samples_of_formats() {
   const std::string hdf5 = "\x89HDF\r\n\x1a\n";
   const std::string ole = "\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1";
   return {
@@ -82,7 +82,7 @@ std::vector<Sample> samples_of_known_formats() {
 }
 
 TEST(VolumeKnownFormats, AreNamedWithAWayToConvertThem) {
-  for (const auto& sample : samples_of_known_formats()) {
+  for (const auto& sample : samples_of_formats()) {
     const Folder folder;
     const auto path = folder.write(sample.file, sample.start);
     expect_error(path, ErrorCode::unsupported, sample.format);

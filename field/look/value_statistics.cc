@@ -1,4 +1,4 @@
-#include "field/volume/value_statistics.h"
+#include "field/look/value_statistics.h"
 
 #include <algorithm>
 #include <cmath>

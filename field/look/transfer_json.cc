@@ -5,7 +5,7 @@
 
 #include "base/try.h"
 #include "field/volume/io.h"
-#include "field/volume/transfer_formats.h"
+#include "field/look/transfer_formats.h"
 
 namespace slf {
 

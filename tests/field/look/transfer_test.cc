@@ -10,7 +10,7 @@
 #include <filesystem>
 #include <set>
 
-#include "field/volume/transfer_color.h"
+#include "field/look/transfer_color.h"
 #include "slf/volume.h"
 
 namespace slf {

@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "field/volume/transfer_formats.h"
+#include "field/look/transfer_formats.h"
 #include "slf/transfer.h"
 #include "slf/volume.h"
 

@@ -4,7 +4,7 @@
 #include <limits>
 #include <random>
 
-#include "tests/field/volume/transfer_samples.h"
+#include "tests/field/look/transfer_samples.h"
 
 namespace slf {
 namespace {

@@ -1,4 +1,4 @@
-#include "field/volume/known_formats.h"
+#include "field/volume/formats.h"
 
 #include <algorithm>
 #include <array>
@@ -8,6 +8,44 @@
 #include "field/volume/io.h"
 
 namespace slf::volume_io {
+
+const std::vector<VolumeFormat>& volume_formats() {
+  constexpr bool kUnpacksItself = true, kNamesArrays = true;
+  // clang-format off
+  static const std::vector<VolumeFormat> kFormats = {
+      {"NRRD", looks_like_nrrd, read_nrrd, {{".nrrd", "'NRRD000'"}, {".nhdr", "'NRRD000'"}},
+       false, false, nrrd_names_files},
+      {"NIfTI, Analyze", looks_like_nifti, read_nifti,
+       {{".nii", "a NIfTI header ('n+1' at byte 344 or 'n+2' at byte 4)"},
+        {".hdr", "a header of NIfTI ('ni1' at byte 344) or Analyze (348 bytes)"}}, kUnpacksItself},
+      {"MetaImage", looks_like_meta, read_meta,
+       {{".mha", "'ObjectType = Image'"}, {".mhd", "'ObjectType = Image'"}},
+       false, false, meta_names_files},
+      {"", looks_like_dicom, read_dicom_file, {{".dcm", "'DICM' at byte 128"}}, kUnpacksItself},
+      {"TIFF", looks_like_tiff, read_tiff,
+       {{".tif", "a TIFF header ('II*' or 'MM')"}, {".tiff", "a TIFF header ('II*' or 'MM')"}},
+       false, kNamesArrays},
+      {"MRC", looks_like_mrc, read_mrc, {{".mrc", "an MRC header ('MAP' at byte 208)"}},
+       kUnpacksItself},
+      {"VTI", looks_like_vti, read_vti, {{".vti", "'<VTKFile type=\"ImageData\"'"}},
+       false, kNamesArrays},
+      {"NumPy", looks_like_npy, read_npy, {{".npy", "'\\x93NUMPY'"}}, kUnpacksItself},
+      {"", looks_like_npz, read_npz, {{".npz", "a ZIP file ('PK') of arrays"}},
+       false, kNamesArrays},
+      {"MGH", looks_like_mgh, read_mgh,
+       {{".mgh", "an MGH header (version 1, big endian)"},
+        {".mgz", "an MGH header (version 1, big endian) in gzip"}}, kUnpacksItself},
+      {"VTK", looks_like_vtk, read_vtk, {{".vtk", "'# vtk DataFile Version'"}},
+       false, kNamesArrays}};
+  // clang-format on
+  return kFormats;
+}
+
+const VolumeFormat* format_of(std::string_view head) {
+  for (const VolumeFormat& format : volume_formats())
+    if (format.looks_like(head)) return &format;
+  return nullptr;
+}
 
 namespace {
 
@@ -106,29 +144,6 @@ constexpr std::array kMagics = {
           {"a pointer of git-annex", "fetch the file itself, `git annex get IN`"}},
 };
 
-/// What files of these names begin with. If one begins with something else, it is not headerless.
-struct Expected {
-  std::string_view ending, start;
-};
-constexpr std::array kExpected = {
-    Expected{".nii", "a NIfTI header ('n+1' at byte 344 or 'n+2' at byte 4)"},
-    Expected{".hdr", "a header of NIfTI ('ni1' at byte 344) or Analyze (348 bytes)"},
-    Expected{".nrrd", "'NRRD000'"},
-    Expected{".nhdr", "'NRRD000'"},
-    Expected{".mha", "'ObjectType = Image'"},
-    Expected{".mhd", "'ObjectType = Image'"},
-    Expected{".dcm", "'DICM' at byte 128"},
-    Expected{".tif", "a TIFF header ('II*' or 'MM')"},
-    Expected{".tiff", "a TIFF header ('II*' or 'MM')"},
-    Expected{".vti", "'<VTKFile type=\"ImageData\"'"},
-    Expected{".vtk", "'# vtk DataFile Version'"},
-    Expected{".mrc", "an MRC header ('MAP' at byte 208)"},
-    Expected{".npy", "'\\x93NUMPY'"},
-    Expected{".npz", "a ZIP file ('PK') of arrays"},
-    Expected{".mgh", "an MGH header (version 1, big endian)"},
-    Expected{".mgz", "an MGH header (version 1, big endian) in gzip"},
-};
-
 bool has_ending(const std::string& file, std::initializer_list<std::string_view> endings) {
   return std::any_of(endings.begin(), endings.end(),
                      [&](auto ending) { return file.ends_with(ending); });
@@ -215,17 +230,22 @@ Error refusal(const std::string& path, const Known& known) {
 }  // namespace
 
 Error refuse_file(const std::string& path, std::string_view head) {
+  if (looks_like_png(head) || looks_like_jpeg(head))
+    return fail(ErrorCode::unsupported, path,
+                ": one picture, expected a volume: give the folder that holds the whole stack")
+        .value();
   if (const auto known = known_format(path, head)) return refusal(path, *known);
   const auto packing = packing_of_file(path);
   const std::string where = packing == Packing::none
                                 ? " at its start"
                                 : std::string(" at its start, unpacked from ") + name(packing);
   const std::string file = lower(without_packing(path));
-  for (const auto& [ending, expected] : kExpected)
-    if (file.ends_with(ending))
-      return fail(ErrorCode::bad_file, path, ": expected ", expected, ", found ",
-                  in_quotes(head.substr(0, 16)), where, ": it is damaged, or misnamed")
-          .value();
+  for (const VolumeFormat& format : volume_formats())
+    for (const auto& [ending, start] : format.starts)
+      if (file.ends_with(ending))
+        return fail(ErrorCode::bad_file, path, ": expected ", start, ", found ",
+                    in_quotes(head.substr(0, 16)), where, ": it is damaged, or misnamed")
+            .value();
   if (file.ends_with(".img"))
     return fail_without(
                "raw", ErrorCode::usage, path,
@@ -263,7 +283,7 @@ Error refuse_folder(const std::string& path) {
     if (!head) continue;
     if (const auto known = known_format(file, *head)) ++kinds[known->name];
     if (first_volume.empty() || file < first_volume)
-      if (is_volume_file(*head)) first_volume = file;
+      if (format_of(*head)) first_volume = file;
   }
   if (!first_volume.empty())
     return fail(ErrorCode::unsupported, path, ": a folder of ", files, " files; give the one that ",
@@ -292,3 +312,14 @@ Result<void> refuse_series(const std::string& path, const VolumeOptions& options
 }
 
 }  // namespace slf::volume_io
+
+namespace slf {
+
+std::string volume_format_names() {
+  std::string names;
+  for (const auto& format : volume_io::volume_formats())
+    if (!format.names.empty()) names.append(names.empty() ? "" : ", ").append(format.names);
+  return names;
+}
+
+}  // namespace slf

@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "field/volume/transfer_color.h"
-#include "field/volume/value_statistics.h"
+#include "field/look/transfer_color.h"
+#include "field/look/value_statistics.h"
 
 namespace slf {
 

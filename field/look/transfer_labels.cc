@@ -4,8 +4,8 @@
 #include <cstdint>
 #include <set>
 
-#include "field/volume/transfer_color.h"
-#include "field/volume/value_statistics.h"
+#include "field/look/transfer_color.h"
+#include "field/look/value_statistics.h"
 #include "field/volume/voxels.h"
 
 namespace slf {

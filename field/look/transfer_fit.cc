@@ -2,8 +2,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "field/volume/transfer_formats.h"
-#include "field/volume/value_statistics.h"
+#include "field/look/transfer_formats.h"
+#include "field/look/value_statistics.h"
 
 namespace slf {
 

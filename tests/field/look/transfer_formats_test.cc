@@ -3,7 +3,7 @@
 #include <gtest/gtest.h>
 
 #include "tests/field/volume/samples.h"
-#include "tests/field/volume/transfer_samples.h"
+#include "tests/field/look/transfer_samples.h"
 
 namespace slf {
 namespace {

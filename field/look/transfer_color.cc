@@ -1,4 +1,4 @@
-#include "field/volume/transfer_color.h"
+#include "field/look/transfer_color.h"
 
 #include <algorithm>
 #include <cmath>
