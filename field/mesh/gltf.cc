@@ -160,7 +160,7 @@ class GltfReader {
       }
       const std::string text = decode_percent(data);
       std::string_view rest = text;
-      auto bytes = decode_base64(rest);
+      auto bytes = decode_base64(rest, false);
       if (!rest.empty()) return wrong(what, ": its base64 is damaged");
       return bytes;
     }

@@ -22,7 +22,7 @@ namespace {
 using Source = std::function<Result<std::size_t>(std::span<std::byte> to)>;
 
 Source from_base64(std::string_view text) {
-  return [bytes = decode_base64(text), at = std::size_t{0}](std::span<std::byte> to) mutable {
+  return [bytes = decode_base64(text, true), at = std::size_t{0}](std::span<std::byte> to) mutable {
     const std::size_t count = std::min(to.size(), bytes.size() - at);
     std::copy_n(bytes.begin() + static_cast<std::ptrdiff_t>(at), count, to.begin());
     at += count;
