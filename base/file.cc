@@ -312,12 +312,15 @@ Result<Bytes> read_file(const std::string& path, std::uint64_t limit, const Star
   }
 }
 
-int write_all(int fd, ByteSpan bytes) {
+int write_all(int fd, ByteSpan bytes, std::optional<std::uint64_t> offset) {
   while (!bytes.empty()) {
-    const ssize_t written = ::write(fd, bytes.data(), bytes.size());
+    const ssize_t written =
+        offset ? ::pwrite(fd, bytes.data(), bytes.size(), static_cast<off_t>(*offset))
+               : ::write(fd, bytes.data(), bytes.size());
     if (written < 0 && errno == EINTR) continue;
-    if (written < 0) return errno;
+    if (written <= 0) return written < 0 ? errno : EIO;
     bytes = bytes.subspan(static_cast<std::size_t>(written));
+    if (offset) *offset += static_cast<std::uint64_t>(written);
   }
   return 0;
 }

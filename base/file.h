@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <fstream>
 #include <functional>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -110,8 +111,9 @@ using StartCheck = std::function<Result<void>(ByteSpan start)>;
 [[nodiscard]] Result<Bytes> read_file(const std::string& path, std::uint64_t limit,
                                       const StartCheck& check = {});
 
-/// Writes all of `bytes` to a descriptor. Returns 0 or an errno value.
-[[nodiscard]] int write_all(int fd, ByteSpan bytes);
+/// Writes all of `bytes` to a descriptor, where it stands or at an offset. Returns 0 or an errno
+/// value.
+[[nodiscard]] int write_all(int fd, ByteSpan bytes, std::optional<std::uint64_t> offset = {});
 
 /// TMPDIR or, if that is not set, /tmp.
 [[nodiscard]] std::string temporary_folder();

@@ -132,7 +132,7 @@ std::vector<Sample> read_samples(const Field& field, const std::vector<TileKey>&
     Sample sample{keys[i * keys.size() / std::min(wanted, keys.size())], {}};
     const TileShape shape = field.file().tile_shape(sample.key);
     sample.color.resize(shape.bytes());
-    expect(cache.read(expect(field.file().store().find(sample.key)), sample.color));
+    expect(cache.read(sample.key, sample.color));
     sample.color.resize(shape.color_bytes());
     samples.push_back(std::move(sample));
   }

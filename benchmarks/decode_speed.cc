@@ -43,16 +43,17 @@ int main(int argc, char** argv) {
   bench::require(visited.has_value(), "a record is damaged");
 
   TileCache references(file, 4ull << 30);
-  const auto source = [&](TileKey key) -> Result<ByteSpan> {
-    return bench::expect(references.load({key, std::nullopt})).samples();
-  };
   Bytes samples;
   std::uint64_t hash = 0;
   const auto decode_all = [&] {
     hash = 0;
     for (const storage::TileRef& tile : tiles) {
       samples.resize(file.tile_shape(tile.key).bytes());
-      bench::expect(file.decode(tile, source, samples));
+      bench::expect(file.store().check(tile));
+      std::vector<ReferenceSamples> from;
+      for (const Reference& reference : bench::expect(file.references(tile)))
+        from.push_back({reference, bench::expect(references.load(reference.tile)).samples()});
+      bench::expect(file.decode(tile, from, samples));
       hash = XXH3_64bits_withSeed(samples.data(), samples.size(), hash);
     }
   };

@@ -98,7 +98,7 @@ class Reader {
     if (ref.state == storage::TileState::missing) bench::stop("the field is incomplete");
     if (ref.state == storage::TileState::stored) {
       found->second.resize(field_.file().tile_shape(key).bytes());
-      expect(cache_.read(ref, found->second));
+      expect(cache_.read(ref.key, found->second));
     }
     return found->second;
   }
@@ -177,7 +177,7 @@ void write_recolored(const Field& field, const std::string& pictures_path,
     if (ref.state == storage::TileState::stored && order.key(n).level == finest) {
       const TileShape tile = file.tile_shape(order.key(n));
       samples.resize(tile.bytes());
-      expect(cache.read(ref, samples));
+      expect(cache.read(ref.key, samples));
       recolor(file, order.key(n), pictures, samples);
       expect(file.codec().encode(tile, samples, nullptr, payload));
     }

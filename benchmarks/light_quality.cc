@@ -274,7 +274,8 @@ int main(int argc, char** argv) {
   CLI11_PARSE(app, argc, argv);
 
   Subject subject;
-  subject.volume = expect(arguments.source.volume());
+  arguments.source.finish(0, OnSignal::end);
+  subject.volume = expect(read_volume(arguments.source));
   subject.transfer = expect(read_transfer(arguments.source.transfer)).fit(subject.volume);
   subject.options.step = arguments.step;
   const auto direct = expect(Raycaster::make(subject.volume, subject.transfer, subject.options));

@@ -5,6 +5,7 @@
 // Workload: the slabs of random tiles (entry vertex × a patch of exit vertices, as the builder
 // traces them). Reported, one thread:
 //   Trace        slabs/s, and per slab: positions visited, values interpolated, samples shaded
+//   TraceLit     the same with global light that is known; Trace has direct light
 //   ShadeLimit   the arithmetic limit: the same code shades as many samples of a volume so small
 //                that it stays in the first-level cache, without empty space
 //   GatherLimit  the memory limit: only loads the voxel rows of as many samples, in the volume
@@ -34,6 +35,7 @@ std::unique_ptr<Raycaster> caster;
 std::vector<Segment> segments;
 std::vector<RaySample> samples;
 Volume volume;  // the one that the ray-caster was made from
+TransferFunction transfer;
 
 std::vector<Segment> make_segments(const Sphere& s) {
   std::vector<Segment> segments;
@@ -60,11 +62,11 @@ void count_slabs(benchmark::State& state) {
                                                benchmark::Counter::kIsIterationInvariantRate);
 }
 
-RayCounts trace_all() {
+RayCounts trace_all(const Raycaster& caster) {
   RayCounts all;
   for (std::size_t begin = 0; begin < segments.size(); begin += kRow) {
-    const RayCounts row = caster->trace_counted(std::span(segments).subspan(begin, kRow),
-                                                std::span(samples).subspan(begin, kRow));
+    const RayCounts row = caster.trace_counted(std::span(segments).subspan(begin, kRow),
+                                               std::span(samples).subspan(begin, kRow));
     all.steps += row.steps;
     all.samples += row.samples;
     all.visible += row.visible;
@@ -72,10 +74,10 @@ RayCounts trace_all() {
   return all;
 }
 
-void Trace(benchmark::State& state) {
+void trace(benchmark::State& state, const Raycaster& caster) {
   RayCounts counts;
   for (auto _ : state) {
-    counts = trace_all();
+    counts = trace_all(caster);
     benchmark::DoNotOptimize(samples.data());
     benchmark::ClobberMemory();
   }
@@ -85,7 +87,21 @@ void Trace(benchmark::State& state) {
   state.counters["values/slab"] = static_cast<double>(counts.samples) / slabs;
   state.counters["shaded/slab"] = static_cast<double>(counts.visible) / slabs;
 }
+
+void Trace(benchmark::State& state) { trace(state, *caster); }
 BENCHMARK(Trace)->Unit(benchmark::kMillisecond);
+
+void TraceLit(benchmark::State& state) {
+  static const std::unique_ptr<Raycaster> lit = [] {
+    RaycastOptions options;
+    options.lighting.mode = Lighting::global;
+    auto made = Raycaster::make(volume, transfer, options);
+    return made ? std::move(*made) : nullptr;
+  }();
+  if (!lit) return state.SkipWithError("no light");
+  trace(state, *lit);
+}
+BENCHMARK(TraceLit)->Unit(benchmark::kMillisecond);
 
 void trace_mesh(benchmark::State& state, const Scene& mesh) {
   const std::vector<Segment> rays = make_segments(mesh.bounds());
@@ -116,7 +132,7 @@ std::unique_ptr<Raycaster> small_cube() {
 }
 
 void ShadeLimit(benchmark::State& state) {
-  const std::uint64_t wanted = trace_all().visible;
+  const std::uint64_t wanted = trace_all(*caster).visible;
   const auto cube = small_cube();
   std::vector<Segment> rays;  // away from the faces, where the ray-caster copies voxels first
   for (std::size_t k = 0; k < kRow; ++k)
@@ -130,7 +146,7 @@ void ShadeLimit(benchmark::State& state) {
 BENCHMARK(ShadeLimit)->Unit(benchmark::kMillisecond);
 
 void GatherLimit(benchmark::State& state) {
-  const auto counts = trace_all();
+  const auto counts = trace_all(*caster);
   const auto [nx, ny, nz] = volume.dims;
   const std::size_t bytes = bytes_per_voxel(volume.type);
   const std::size_t stride_y = nx * bytes, stride_z = stride_y * ny;
@@ -177,13 +193,14 @@ int main(int argc, char** argv) {
     return 1;
   }
   auto read = read_volume(argv[1]);
-  auto transfer = read_transfer(argv[2]);
-  if (!read || !transfer) {
-    std::fprintf(stderr, "%s\n", (!read ? read.error() : transfer.error()).message.c_str());
+  const auto preset = read_transfer(argv[2]);
+  if (!read || !preset) {
+    std::fprintf(stderr, "%s\n", (!read ? read.error() : preset.error()).message.c_str());
     return 1;
   }
   volume = std::move(*read);
-  auto made = Raycaster::make(volume, transfer->fit(volume));
+  transfer = preset->fit(volume);
+  auto made = Raycaster::make(volume, transfer);
   if (!made) {
     std::fprintf(stderr, "%s\n", made.error().message.c_str());
     return 1;

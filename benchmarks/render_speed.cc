@@ -115,7 +115,7 @@ class GatherList {
     const TileShape shape = geometry_.tile(entry, codec::SampleFormat::rgba8);
     samples_.resize(samples_.size() + shape.bytes() / 4);
     const auto pin =
-        cache_.load({tile_key({geometry_.entry_section(entry), geometry_.exit_section(exit)})});
+        cache_.load(tile_key({geometry_.entry_section(entry), geometry_.exit_section(exit)}));
     if (pin && pin->page().color)
       std::memcpy(samples_.data() + found->second, pin->page().color, shape.bytes());
     return found->second;

@@ -367,7 +367,8 @@ int main(int argc, char** argv) {
   app.add_flag("--json", json);
   CLI11_PARSE(app, argc, argv);
 
-  const auto scene = expect(source.scene({}));
+  source.finish(0, OnSignal::end);
+  const auto scene = expect(make_scene(source));
   const Sphere sphere = scene->bounds();
   const auto cameras = random_cameras(sphere, distance, views, seed, size, size);
   std::vector<Image> truths;

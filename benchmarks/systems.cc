@@ -90,7 +90,7 @@ void add_sphere(const Field& field, unsigned threads, bool first, std::vector<Sy
 nlohmann::json measure(const Arguments& a) {
   std::vector<Field> fields;
   for (const std::string& path : a.fields) fields.push_back(expect(Field::open(path)));
-  const auto scene = expect(a.source.scene({}));
+  const auto scene = expect(make_scene(a.source));
   const Sphere& sphere = fields[0].shape().sphere;
   const unsigned threads = thread_count(a.threads);
 
@@ -181,6 +181,7 @@ int main(int argc, char** argv) {
   app.add_option("-j,--threads", a.threads, "0: all cores")->capture_default_str();
   app.add_flag("--json", a.json);
   CLI11_PARSE(app, argc, argv);
+  a.source.finish(a.threads, OnSignal::end);
   const nlohmann::json result = measure(a);
   if (a.json)
     std::printf("%s\n", result.dump(2).c_str());

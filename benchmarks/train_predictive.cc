@@ -80,7 +80,7 @@ struct Training {
 
 /// A tile's colour and depth, one after the other; empty where nothing is visible.
 Bytes samples_of(TileCache& cache, TileKey key) {
-  const auto pin = expect(cache.load({key, std::nullopt}));
+  const auto pin = expect(cache.load(key));
   const ByteSpan samples = pin.samples();
   return {samples.begin(), samples.end()};
 }
@@ -96,9 +96,12 @@ void collect(const FieldFile& field, std::size_t number, int quality, Training& 
   });
   TileCache cache(field, 64 << 20);
   std::map<TileKey, Bytes> decoded;
-  const ReferenceSource source = [&](TileKey key) -> Result<ByteSpan> {
-    const auto found = decoded.find(key);
-    return found == decoded.end() ? ByteSpan() : found->second;
+  const auto samples_of_all = [&](const std::vector<Reference>& references) {
+    std::vector<ReferenceSamples> from;
+    for (const Reference& reference : references)
+      if (const auto found = decoded.find(reference.tile); found != decoded.end())
+        from.push_back({reference, found->second});
+    return from;
   };
   const TileOrder order(shape);
   for (std::uint64_t n = 0; n < order.count(); ++n) {
@@ -107,7 +110,7 @@ void collect(const FieldFile& field, std::size_t number, int quality, Training& 
     const Bytes samples = samples_of(cache, key);
     if (samples.empty()) continue;
     Bytes payload;
-    expect(tiles.encode(key, samples, source, payload));
+    expect(tiles.encode(key, samples, samples_of_all(tiles.choose(key, samples)), payload));
     training.bytes[number] += static_cast<double>(payload.size());
     const std::size_t level_kind = key.level == 0 ? 0 : 1;
     bool last = false;
@@ -125,7 +128,7 @@ void collect(const FieldFile& field, std::size_t number, int quality, Training& 
       add(symbols.planes[plane], plane);
     if (key.level == shape.levels) continue;
     Bytes back(samples.size());
-    expect(tiles.decode(key, payload, source, back));
+    expect(tiles.decode(key, payload, samples_of_all(tiles.references(key, payload)), back));
     decoded[key] = std::move(back);
   }
 }

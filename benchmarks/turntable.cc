@@ -53,7 +53,8 @@ int main(int argc, char** argv) {
   app.add_option("--out", out, "Prefix of the pictures");
   CLI11_PARSE(app, argc, argv);
 
-  const auto scene = expect(source.scene({}));
+  source.finish(0, OnSignal::end);
+  const auto scene = expect(make_scene(source));
   const auto field = expect(Field::open(field_path));
   const Sphere& sphere = field.shape().sphere;
   const ViewOptions view{default_mode(field), field.shape().levels};

@@ -240,12 +240,11 @@ nlohmann::json measure_view(const Contenders& c, const Camera& camera, int repea
 
 nlohmann::json measure(const Arguments& a) {
   const auto field = expect(Field::open(a.field));
-  const Volume volume = expect(a.source.volume());
+  const Volume volume = expect(read_volume(a.source));
   const TransferFunction transfer = a.source.transfer.empty()
                                         ? default_transfer(volume)
                                         : expect(read_transfer(a.source.transfer)).fit(volume);
-  RaycastOptions options = a.source.raycast;
-  options.shade = !a.source.no_shade;
+  const RaycastOptions options = a.source.raycast;
   const unsigned threads = thread_count(a.threads);
   VtkRaycaster vtk(volume, transfer, options, threads);
   const auto raycaster = expect(Raycaster::make(volume, transfer, options));
@@ -300,6 +299,7 @@ int main(int argc, char** argv) {
   app.add_option("--pictures", a.pictures, "Write the first view's pictures here, as PREFIX-*.png");
   app.add_flag("--json", a.json);
   CLI11_PARSE(app, argc, argv);
+  a.source.finish(a.threads, OnSignal::end);
   const nlohmann::json result = measure(a);
   if (a.json)
     std::printf("%s\n", result.dump(2).c_str());

@@ -6,11 +6,13 @@
 namespace slf::cli {
 namespace {
 
-constexpr const char* kFooter = R"(
+constexpr const char* kFirstField = R"(
 A first field:
   slf build brain.nii.gz -o brain.slf --transfer brain.json
   slf render brain.slf -o brain.png --orbit 30,20,3
+)";
 
+constexpr const char* kFooter = R"(
 Exit codes: 0 done, 1 wrong arguments, 2 input or output failed (missing, permission, disk full),
 3 a file is damaged or not what it claims, 4 failed at run time, 5 not supported, 7 differs.
 Ctrl-C and SIGTERM end the program by that signal. A build first saves its finished tiles, except
@@ -111,6 +113,7 @@ std::unique_ptr<CLI::App> make_app(Run& run) {
   add_pictures(*app, run);
   add_info(*app, run);
   add_render(*app, run);
+  add_pick(*app, run);
   add_play(*app, run);
   add_raycast(*app, run);
   add_measure(*app, run);
@@ -126,6 +129,13 @@ std::unique_ptr<CLI::App> make_app(Run& run) {
   add_view(*app, run);
   add_export(*app, run);
   add_help(*app, run);
+  app->footer(std::string(kFirstField) + kFooter);
+  for (CLI::App* command : app->get_subcommands({}))
+    for (CLI::Option* option : command->get_options())
+      if (const std::string type = option->get_type_name(); type == "UINT" || type == "INT")
+        option->type_name("N");
+      else if (type == "FLOAT")
+        option->type_name("NUMBER");
   return app;
 }
 

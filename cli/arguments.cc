@@ -180,7 +180,7 @@ CLI::Option* add_subfields(CLI::App& command, Subfields& subfields, const std::s
 }
 
 tl::unexpected<Error> with_hint(const Error& error, const std::string& hint) {
-  return tl::unexpected<Error>(Error{error.code, error.message + "; " + hint, error.choice});
+  return tl::unexpected<Error>(Error{error.code, error.message + "; " + hint});
 }
 
 Result<void> with_force(Result<void> checked) {
@@ -206,7 +206,6 @@ void add_tone(CLI::App& command, ToneMapping& tone, const char* group) {
                             "srgb clips\nthem, none keeps linear radiance"),
          Choices<ToneCurve>{
              {"neutral", ToneCurve::neutral}, {"srgb", ToneCurve::srgb}, {"none", ToneCurve::none}})
-      ->type_name("TEXT")
       ->group(group)
       ->default_str("neutral");
 }

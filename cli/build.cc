@@ -23,30 +23,21 @@ Result<void> run_build(const BuildArguments& arguments) {
   options.shard = shard;
   const std::string output = name_of_part(arguments.output, shard);
   SourceArguments source = arguments.source;
+  source.finish(options.threads, OnSignal::stop);
   source.check = [&](const std::vector<std::string>& inputs) {
     return check_output(output, inputs);
   };
   source.raycast.lighting.linear = options.half;
   if (!arguments.center.empty() && arguments.radius != 0)
     source.pictures.sphere = Sphere{to_vector(arguments.center), arguments.radius};
-  const auto scene = SLF_TRY(
-      source.scene({options.threads, light_progress(OnSignal::stop), source.light_file, true}));
-  const Sphere visible = scene->bounds();
+  const auto scene = SLF_TRY(hinted(make_scene(source)));
   Sphere& sphere = options.shape.sphere;
-  sphere = visible;
+  sphere = scene->bounds();
   if (!arguments.center.empty()) sphere.center = to_vector(arguments.center);
   if (arguments.radius != 0) sphere.radius = arguments.radius;
-  if (!(glm::distance(sphere.center, visible.center) < sphere.radius + visible.radius))
-    return fail(ErrorCode::usage,
-                fmt::format("--center {:g},{:g},{:g}: a sphere of radius {:g} there misses all "
-                            "that is visible, which "
-                            "lies around {:g},{:g},{:g} within {:g}",
-                            sphere.center.x, sphere.center.y, sphere.center.z, sphere.radius,
-                            visible.center.x, visible.center.y, visible.center.z, visible.radius));
-
   options.replace = arguments.force;
-  const auto report =
-      SLF_TRY(build_field(*scene, output, options, progress_bar("build", "rays", OnSignal::stop)));
+  const auto report = SLF_TRY(
+      hinted(build_field(*scene, output, options, progress_bar("build", "rays", OnSignal::stop))));
   if (report.tiles == 0)
     note(fmt::format("{}: nothing is left to build", output));
   else if (report.resumed > 0)
@@ -108,7 +99,6 @@ void add_build(CLI::App& app, Run& run) {
   choose(command->add_option("--color-type", a->build.half,
                              "u8, or half: HDR colour, which JPEG cannot store"),
          Choices<bool>{{"u8", false}, {"half", true}})
-      ->type_name("TEXT")
       ->group(group)
       ->default_str("u8");
   add_vector(*command, "--center", a->center,

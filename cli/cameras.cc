@@ -4,7 +4,6 @@
 #include "base/file.h"
 #include "base/try.h"
 #include "cli/command.h"
-#include "slf/remote.h"
 
 namespace slf::cli {
 namespace {
@@ -32,13 +31,14 @@ Result<Sphere> sphere_of(
   if (a.source.input.empty())
     return fail(ErrorCode::usage,
                 "no sphere: expected --sphere X,Y,Z,R, a field, a volume or a mesh");
-  if (is_address(a.source.input) || a.source.input.ends_with(".slf")) {
+  if (is_field(a.source.input)) {
     const auto field = SLF_TRY(open_field(a.source.input));
     return field.shape().sphere;
   }
   SourceArguments source = a.source;
+  source.finish(0, OnSignal::end);
   source.check = check;
-  const auto scene = SLF_TRY(source.scene({.deferred = true}));
+  const auto scene = SLF_TRY(hinted(make_scene(source)));
   return scene->bounds();
 }
 

@@ -20,12 +20,8 @@
 #include "slf/camera.h"
 #include "slf/error.h"
 #include "slf/field.h"
-#include "slf/mesh.h"
-#include "slf/path_tracer.h"
-#include "slf/pictures.h"
-#include "slf/raycaster.h"
 #include "slf/render.h"
-#include "slf/scene.h"
+#include "slf/scene_description.h"
 
 namespace slf::cli {
 
@@ -44,6 +40,7 @@ void add_cameras(CLI::App& app, Run& run);
 void add_info(CLI::App& app, Run& run);
 void add_pictures(CLI::App& app, Run& run);
 void add_render(CLI::App& app, Run& run);
+void add_pick(CLI::App& app, Run& run);
 void add_raycast(CLI::App& app, Run& run);
 void add_compare(CLI::App& app, Run& run);
 void add_play(CLI::App& app, Run& run);
@@ -131,6 +128,8 @@ void keep_freed_memory();
 
 /// Opens a local field or one on a web server. Errors as Field::open() and RemoteField::open().
 [[nodiscard]] Result<Field> open_field(const std::string& path);
+/// Whether the path is an address, or that of a file that is a field by its name or its bytes.
+[[nodiscard]] bool is_field(const std::string& path);
 
 /// The requests and bytes of all remote fields so far; null if none was opened.
 [[nodiscard]] nlohmann::json traffic_json();
@@ -186,7 +185,8 @@ CLI::Option* choose(CLI::Option* option, const Choices<T>& choices) {
   for (const auto& [name, value] : choices) names.push_back(name), values[name] = value;
   // CLI11 runs the check that was added last first.
   return option->transform(CLI::Transformer(std::move(values)).description(""))
-      ->transform(CLI::IsMember(std::move(names)));
+      ->transform(CLI::IsMember(std::move(names)))
+      ->type_name("TEXT");
 }
 
 /// Numbers from outside have bounds, so that no product of them overflows and no loop over them
@@ -263,46 +263,9 @@ inline constexpr const char* kTransferHelp =
     "Transfer function: a built-in name (see `slf transfer`), or a file of ParaView,\n"
     "3D Slicer or MRIcroGL; FILE#NAME for one of several";
 
-/// The hint for volumes of integers that look like ids.
-inline constexpr const char* kLabelsHint =
-    "its values look like labels (ids), which are blurred when interpolated; --labels gives each "
-    "a colour of its own";
-
-/// The options of an input: a volume and its transfer function, a mesh, or scene:NAME, and its
-/// lighting.
-struct SourceArguments {
-  std::string input;
-  std::string transfer;
-  std::vector<double> range;        // empty: TransferPreset::fit() chooses it
-  std::vector<std::uint32_t> dims;  // empty: not a raw file
-  std::vector<double> spacing;      // empty: the file's
-  std::uint64_t offset = 0;
-  std::string crop;
-  std::optional<std::uint32_t> component, time;
-  std::string array;  // empty: the reader's choice
-  std::optional<std::string> series;
-  std::string labels_volume, label_table, mask;  // empty: none
-  RaycastOptions raycast;
-  double longest_step = 100;                // of rays, whatever `raycast` and the provenance say
-  std::optional<Lighting> chosen_lighting;  // none: follows from the other options
-  std::optional<float> ambient;             // none: the default, if light is direct
-  std::vector<double> light;                // empty: the default
-  std::string light_rig;                    // empty: the default
-  std::string environment;                  // empty: the rig's sky
-  std::string light_file;                   // empty: none
-  PathTraceOptions paths;
-  PictureSceneOptions pictures;
-  std::optional<std::string> depth_cache;  // none: no file is written; empty: beside the pictures
-  ScalarType type = ScalarType::u8;
-  UpAxis up_axis = UpAxis::by_format;
-  bool big_endian = false;
-  bool resample = false;
-  bool labels = false;
-  bool no_shade = false;
-  bool reference = false;  // path tracing instead of a light volume
-  /// scene() calls it with the files that it reads, before and after it has read them, but before
-  /// longer work; and returns its error.
-  std::function<Result<void>(const std::vector<std::string>&)> check;
+/// The options of a scene, which write to its description.
+struct SourceArguments : SceneDescription {
+  SourceArguments();
 
   /// Adds the volume, as an option or positional `name`, and the options of its transfer function
   /// and voxels.
@@ -311,46 +274,29 @@ struct SourceArguments {
   void add_raw_to(CLI::App& command);
   /// Adds the options of scenes made of pictures.
   void add_pictures_to(CLI::App& command);
-  /// Whether the input is pictures:FOLDER or pictures:JSON.
-  [[nodiscard]] bool is_pictures() const;
-  /// Reads its cameras, and prints notes on them. REQUIRES: is_pictures().
-  [[nodiscard]] Result<PictureSet> read_picture_set() const;
-  /// `pictures`, with all that does not follow from options alone.
-  [[nodiscard]] PictureSceneOptions picture_options(const PictureSet& set, unsigned threads) const;
   void add_mesh_to(CLI::App& command);
   /// Adds the options of step, light and shading.
   void add_light_to(CLI::App& command);
   void add_environment_to(CLI::App& command);
   void add_light_file_to(CLI::App& command);
   void add_reference_to(CLI::App& command);
-  [[nodiscard]] Result<Volume> volume() const;
-  /// The input is a mesh if is_mesh_name() says so.
-  [[nodiscard]] Result<Mesh> mesh() const;
-  /// The files that the options name; scene() finds the others that they consist of. A name that is
-  /// no file's, as scene:balls, does no harm.
-  [[nodiscard]] std::vector<std::string> files() const;
-  /// Makes the scene. Options that are not given come from `provenance`, that of a field, or have
-  /// their defaults.
-  [[nodiscard]] Result<std::unique_ptr<Scene>> scene(
-      const LightVolumeOptions& light_volume,
-      const std::optional<std::string>& provenance = {}) const;
+  /// Sets what does not follow from single options: what longer work needs.
+  void finish(unsigned threads, OnSignal on_signal);
 
  private:
-  /// Adds files(), and calls `check`.
-  [[nodiscard]] Result<void> check_files(std::vector<std::string>& read) const;
-  /// The options of rays, without the rig and the environment; --no-shade, --projection and
-  /// --ambient imply direct light.
-  [[nodiscard]] RaycastOptions stated_options() const;
-  /// What scene() makes of a mesh. usage: an option that only volumes have.
-  [[nodiscard]] Result<std::unique_ptr<Scene>> mesh_scene(const nlohmann::json& built) const;
-  [[nodiscard]] Result<Volume> read(const std::string& path, bool ids) const;
-  /// Reads a label volume or a mask.
-  [[nodiscard]] Result<Volume> structure(const std::string& path) const;
-  [[nodiscard]] Result<void> set_structures(RaycastOptions& options) const;
-  [[nodiscard]] Result<void> set_light(RaycastOptions& options) const;
-  /// usage: the field with this provenance was lit by a picture that is not named again.
-  [[nodiscard]] Result<void> check_environment(const nlohmann::json& built) const;
+  RawLayout raw;  // its dims are 0 if --dims is not given
 };
+
+/// "see --mask" and the like, for the member of SceneDescription or BuildOptions of this name.
+[[nodiscard]] std::string hint_of(std::string_view choice);
+/// The value, or the error with a hint at the option that settles it.
+template <class T>
+Result<T> hinted(Result<T> result) {
+  if (!result && result.error().choice &&
+      !std::string_view(result.error().choice).starts_with("replace"))
+    return with_hint(result.error(), hint_of(result.error().choice));
+  return result;
+}
 
 /// The options that choose the part of a field to build.
 struct ShardArguments {

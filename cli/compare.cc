@@ -43,6 +43,8 @@ void add_compare(CLI::App& app, Run& run) {
   auto* command =
       app.add_subcommand("compare", "PSNR and SSIM of two pictures, and their difference");
   auto a = std::make_shared<CompareArguments>();
+  command->footer("\nAn example:\n  slf compare view.png truth.png --diff difference.png\n" +
+                  command->get_footer());
   command->add_option("A", a->a, "Picture")->type_name(kAnyFile)->required();
   command->add_option("B", a->b, "Picture of the same size")->type_name(kAnyFile)->required();
   command->add_option("--diff", a->diff, "Write the difference picture here")->type_name(kAnyFile);

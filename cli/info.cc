@@ -5,7 +5,6 @@
 
 #include "base/try.h"
 #include "cli/command.h"
-#include "slf/remote.h"
 
 namespace slf::cli {
 namespace {
@@ -116,7 +115,8 @@ void print_volume(const Volume& volume) {
     print("axis {}  {}\n", "xyz"[axis], vec(volume.axes[axis] / volume.spacing()[axis]));
   if (!volume.placement.empty()) print("placed  by {}\n", volume.placement);
   for (const std::string& remark : volume.notes) print("note    {}\n", remark);
-  if (!volume.labels && looks_like_labels(volume)) print("note    {}\n", kLabelsHint);
+  if (!volume.labels && looks_like_labels(volume))
+    print("note    {}; {}\n", kLabelsHint, hint_of("labels"));
 }
 
 nlohmann::json mesh_json(const Mesh& mesh) {
@@ -214,7 +214,7 @@ std::vector<std::vector<int>> coverage_map(const PictureSet& set) {
 }
 
 Result<void> print_pictures(const SourceArguments& source, bool json) {
-  const auto set = SLF_TRY(source.read_picture_set());
+  const auto set = SLF_TRY(read_pictures(source));
   std::map<std::string, int> sizes, lenses;
   std::size_t masks = 0, depths = 0;
   for (const Picture& picture : set.pictures) {
@@ -265,11 +265,14 @@ SeriesList series_of(const std::string& path) {
 }
 
 Result<void> run_info(const InfoArguments& arguments) {
-  const std::string& input = arguments.source.input;
-  if (arguments.source.is_pictures()) return print_pictures(arguments.source, arguments.json);
-  if (!is_address(input) && !input.ends_with(".slf") && !input.ends_with(".slf.unfinished")) {
+  SourceArguments source = arguments.source;
+  source.finish(0, OnSignal::end);
+  const std::string& input = source.input;
+  if (source.is_pictures()) return print_pictures(source, arguments.json);
+  if (!is_field(input)) {
     if (is_mesh_name(input)) {
-      const Mesh mesh = SLF_TRY(arguments.source.mesh());
+      const Mesh mesh = SLF_TRY(read_mesh(input, source.up_axis));
+      for (const std::string& remark : mesh.notes) note(input + ": " + remark);
       if (arguments.json)
         print_json(mesh_json(mesh));
       else
@@ -277,14 +280,14 @@ Result<void> run_info(const InfoArguments& arguments) {
       return {};
     }
     const SeriesList list = series_of(input);
-    if (list.series.size() > 1 && !arguments.source.series) {
+    if (list.series.size() > 1 && !source.reading.series) {
       if (arguments.json)
         print_json({{"source", input}, {"series", series_json(list)}, {"notes", list.notes}});
       else
         print_series(input, list);
       return {};
     }
-    const auto volume = SLF_TRY(arguments.source.volume());
+    const auto volume = SLF_TRY(hinted(read_volume(source)));
     if (arguments.json) {
       nlohmann::json json = volume_json(volume);
       if (!list.series.empty()) json["series"] = series_json(list);
@@ -294,14 +297,13 @@ Result<void> run_info(const InfoArguments& arguments) {
     }
     return {};
   }
-  const auto field = SLF_TRY(open_field(arguments.source.input));
+  const auto field = SLF_TRY(open_field(input));
   const auto content = SLF_TRY(field.content());
   if (arguments.json)
     print_json(field_json(field, content));
   else
     print_field(field, content);
-  if (!content.complete)
-    note(arguments.source.input + ": incomplete; the build command that made it resumes it");
+  if (!content.complete) note(input + ": incomplete; the build command that made it resumes it");
   return {};
 }
 

@@ -21,7 +21,7 @@ std::string tile_json(const ListedTile& tile) {
       R"({{"tile": "{}", "level": {}, "index": {}, "entry": {}, "exit": {}, "subfield": {}, )"
       R"("state": "{}", "payload_bytes": {}, "offset_bytes": {}}})",
       to_string(tile.address), tile.address.level, tile.key.index, tile.address.entry,
-      tile.address.exit, tile.subfield, name(tile.content), tile.payload_bytes, tile.offset_bytes);
+      tile.address.exit, tile.subfield, name(tile.state), tile.payload_bytes, tile.offset_bytes);
 }
 
 Result<void> run_ls(const LsArguments& a) {
@@ -36,7 +36,7 @@ Result<void> run_ls(const LsArguments& a) {
       print_text(before + tile_json(tile));
       before = ",\n";
     } else {
-      print("{}\t{}\t{}\t{}\t{}\t{}\n", to_string(tile.address), name(tile.content),
+      print("{}\t{}\t{}\t{}\t{}\t{}\n", to_string(tile.address), name(tile.state),
             tile.payload_bytes, tile.offset_bytes, tile.key.index, tile.subfield);
     }
     if (std::ferror(stdout) != 0) return fail(ErrorCode::io, "stdout: cannot write");

@@ -216,39 +216,25 @@ Result<void> evaluate_with_pictures(const EvaluateArguments& a, const Field& fie
   return {};
 }
 
-/// Returns whether the field was built from the scene that it is compared with, and warns if not.
-bool check_source(const Field& field, const Scene& scene) {
-  nlohmann::json built = nlohmann::json::parse(field.provenance()),
-                 now = nlohmann::json::parse(scene.provenance());
-  for (auto* json : {&built, &now})
-    if (json->is_object())  // the truth has finer rays
-      for (const char* member : {"source", "step"}) json->erase(member);
-  const auto differences = nlohmann::json::diff(built, now);
-  if (differences.empty()) return true;
-  message(
-      fmt::format("slf: warning: {} was built from another source ({} differs): the figures "
-                  "compare two different objects",
-                  field.path(), text_of(differences[0], "path", "/")));
-  return false;
-}
-
 Result<void> run_evaluate(const EvaluateArguments& a) {
   const auto field = SLF_TRY(open_field(a.field));
   if (a.source.input.empty()) return evaluate_with_pictures(a, field);
   const auto cameras = a.views.cameras(field.shape().sphere, a.distance, a.size);
   const auto view = SLF_TRY(a.draw.view(field, cameras.front()));
-  const auto scene = SLF_TRY(
-      a.source.scene({a.draw.threads, light_progress(OnSignal::end), a.source.light_file, true},
-                     field.provenance()));
-  const auto light = field.light();
-  if (light) scene->set_light(*light);
-  if (!light) note(light.error().message + "; computing the light again");
-  SLF_TRY(scene->prepare());
-  const bool same_source = check_source(field, *scene);
-  const auto evaluation = SLF_TRY(evaluate_views(
-      field, *scene,
-      {cameras, view, a.draw.renderer(), a.supersample, view_tone(field.provenance())},
-      progress_bar("evaluate", "rows", OnSignal::end)));
+  SourceArguments source = a.source;
+  source.finish(a.draw.threads, OnSignal::end);
+  source.truth_of = field.provenance();
+  const auto scene = SLF_TRY(hinted(make_scene(source)));
+  if (const auto light = field.light(); !light)
+    note(light.error().message + "; computing the light again");
+  const auto evaluation =
+      SLF_TRY(evaluate_views(field, *scene, {cameras, view, a.draw.renderer(), a.supersample},
+                             progress_bar("evaluate", "rows", OnSignal::end)));
+  if (!evaluation.differs.empty())
+    message(
+        fmt::format("slf: warning: {} was built from another source ({} differs): the figures "
+                    "compare two different objects",
+                    field.path(), evaluation.differs));
 
   const std::uint64_t bytes = field.file_bytes();
   if (a.json) {
@@ -265,7 +251,7 @@ Result<void> run_evaluate(const EvaluateArguments& a) {
                 {"psnr", finite_or_null(evaluation.psnr)},
                 {"ssim", evaluation.ssim},
                 {"per_view", per_view},
-                {"same_source", same_source},
+                {"same_source", evaluation.differs.empty()},
                 {"file_bytes", bytes}});
   } else {
     print("{}: mode {}, level {}: PSNR {:.2f} dB, SSIM {:.4f} (mean of {} views), {}\n", a.field,
@@ -324,7 +310,6 @@ void add_evaluate(CLI::App& app, Run& run) {
       "evaluate",
       "Quality: PSNR and SSIM of views against the ray-cast truth, or against pictures");
   auto a = std::make_shared<EvaluateArguments>();
-  a->source.longest_step = 0.5;  // the truth has finer rays than fields need
   command->add_option("FIELD", a->field, "Field to evaluate")->type_name(kFieldFile)->required();
   a->source.add_volume_to(*command, "--volume");
   command->get_option("--volume")->required(false);
@@ -354,7 +339,7 @@ void add_evaluate(CLI::App& app, Run& run) {
       ->add_option("--supersample", a->supersample,
                    "Rays along a pixel's edge in the ground truth; above 1 it is anti-aliased, as\n"
                    "small and distant views need it")
-      ->check(CLI::Range(1, 16))
+      ->check(CLI::Range(1, 16).description(""))
       ->capture_default_str();
   a->draw.add_to(*command);
   command->add_flag("--json", a->json, "JSON on stdout");

@@ -1,8 +1,22 @@
+#include <array>
+#include <filesystem>
+#include <fstream>
+
 #include "base/try.h"
 #include "cli/command.h"
 #include "slf/remote.h"
 
 namespace slf::cli {
+
+bool is_field(const std::string& path) {
+  if (is_address(path) || path.ends_with(".slf") || path.ends_with(".slf.unfinished")) return true;
+  // FORMAT.md, "Pages": the magic number of the first page.
+  std::error_code ignored;
+  std::array<char, 20> head{};
+  return std::filesystem::is_regular_file(path, ignored) &&
+         std::ifstream(path).read(head.data(), head.size()) &&
+         std::string_view(head.data() + 16, 4) == "\xDE\xC0\xEF\xBE";
+}
 
 #ifdef SLF_REMOTE
 namespace {

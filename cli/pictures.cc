@@ -22,9 +22,10 @@ Result<void> run_pictures(const PicturesArguments& a) {
   if (a.center.empty() != (a.radius == 0))
     return fail(ErrorCode::usage, "--center and --radius: expected both, or none");
   if (a.radius != 0) source.pictures.sphere = Sphere{to_vector(a.center), a.radius};
-  auto set = SLF_TRY(source.read_picture_set());
+  source.finish(a.threads, OnSignal::end);
+  auto set = SLF_TRY(read_pictures(source));
   SLF_TRY(refuse_overwrite(a.output, a.force, set.files()));
-  const auto options = source.picture_options(set, a.threads);
+  const auto options = picture_options(source, set);
   const auto sheet = SLF_TRY(make_depth_sheet(std::move(set), options, a.count, a.cell));
   SLF_TRY(write_image(a.output, sheet.image));
   if (sheet.source == "silhouettes") {

@@ -12,7 +12,6 @@
 #include "slf/camera.h"
 #include "slf/image.h"
 #include "slf/player.h"
-#include "slf/raycaster.h"
 #include "slf/remote.h"
 
 namespace slf::cli {
@@ -107,8 +106,6 @@ Result<PlayResult> play(const PlayArguments& a, const PlayOptions& options, Fram
   const auto frames = static_cast<std::size_t>(std::max(1.0, std::round(path.seconds() * a.fps)));
   const auto progress = progress_bar(fmt::format("Playing, loading {}", name(options.loading)),
                                      "frames", OnSignal::stop);
-  std::optional<ToneMapper> tone;
-  if (const auto shown = view_tone(field.provenance())) tone.emplace(*shown);
   Image image;
   const auto period = std::chrono::duration<double>(1 / a.fps);
   auto due = Clock::now();
@@ -122,8 +119,7 @@ Result<PlayResult> play(const PlayArguments& a, const PlayOptions& options, Fram
     played.peak.file = std::max(played.peak.file, now.file);
     if (!pictures || !pictures->enabled()) continue;
     const auto begin = Clock::now();
-    if (tone)
-      for (glm::vec4& pixel : image.rgba) pixel = (*tone)(pixel);
+    SLF_TRY(map_tones(field, {}, /*display=*/true, image));
     SLF_TRY(pictures->add(k, image));
     due += Clock::now() - begin;
   }
@@ -298,7 +294,7 @@ void add_play(CLI::App& app, Run& run) {
       ->group(loading)
       ->default_str("ahead");
   command->add_option("--horizon", a->horizon, "Frames to load ahead")
-      ->check(CLI::Range(0, 1000))
+      ->check(CLI::Range(0, 1000).description(""))
       ->group(loading)
       ->capture_default_str();
   command

@@ -9,6 +9,7 @@
 #include <sstream>
 #include <utility>
 
+#include "base/remaining_time.h"
 #include "cli/command.h"
 
 namespace slf::cli {
@@ -31,6 +32,9 @@ class ProgressBar {
   void show(const Progress& progress) {
     const auto now = Clock::now();
     const bool finished = progress.done == progress.total;
+    const double took = seconds(now - start_);
+    const double rate = speed_.rate(progress, took);
+    const auto left = speed_(progress, took);
     if (finished && std::exchange(finished_, finished)) return;  // work without progress follows
     finished_ = finished;
     const auto interval = terminal_ ? 0.1 : progress_style.seconds;
@@ -38,20 +42,17 @@ class ProgressBar {
     const bool short_work = !terminal_ && !progress_style.json && last_ == start_;
     if (finished ? short_work : seconds(now - last_) < interval) return;
     last_ = now;
-    const double took = seconds(now - start_);
     const auto done = static_cast<double>(progress.done),
                total = static_cast<double>(progress.total);
     if (progress_style.json) {
-      const double fresh = done - static_cast<double>(progress.skipped);
-      const nlohmann::json left =
-          fresh > 0 ? nlohmann::json((total - done) * took / fresh) : nlohmann::json();
-      const nlohmann::json line{{"task", title_},
-                                {"unit", unit_},
-                                {"done", progress.done},
-                                {"total", progress.total},
-                                {"resumed", progress.skipped},
-                                {"elapsed_seconds", took},
-                                {"remaining_seconds", left}};
+      const nlohmann::json line{
+          {"task", title_},
+          {"unit", unit_},
+          {"done", progress.done},
+          {"total", progress.total},
+          {"resumed", progress.skipped},
+          {"elapsed_seconds", took},
+          {"remaining_seconds", left ? nlohmann::json(*left) : nlohmann::json()}};
       message(line.dump());
       return;
     }
@@ -60,16 +61,14 @@ class ProgressBar {
             "\n");
       return;
     }
-    const double rate = (done - static_cast<double>(progress.skipped)) / std::max(took, 1e-9);
     const double share = total > 0 ? std::min(done / total, 1.0) : 1;
     const auto filled = static_cast<std::size_t>(share * 30);
     const std::string bar =
         terminal_ ? fmt::format(" [{}{}]", std::string(filled, '#'), std::string(30 - filled, '.'))
                   : ":";
-    write(
-        fmt::format("{}{} {:3.0f} %  {}{}/s  {} left", title_, bar, 100 * share, human_count(rate),
-                    unit_, human_time(std::max(0.0, total - done) / std::max(rate, 1e-9))),
-        terminal_ ? " " : "\n");
+    write(fmt::format("{}{} {:3.0f} %  {}{}/s  {} left", title_, bar, 100 * share,
+                      human_count(rate), unit_, left ? human_time(*left) : "?"),
+          terminal_ ? " " : "\n");
   }
 
  private:
@@ -87,6 +86,7 @@ class ProgressBar {
   std::string title_, unit_;
   bool terminal_ = !progress_style.json && isatty(STDERR_FILENO) != 0;
   Clock::time_point start_ = Clock::now(), last_ = start_;
+  RemainingTime speed_;
   bool finished_ = false;  ///< the last call reported the end
 };
 

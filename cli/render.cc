@@ -64,20 +64,6 @@ struct RenderArguments {
   bool stats = false, json = false;
 };
 
-/// Tone-maps a picture of a field that holds linear radiance. A picture to be written as .exr keeps
-/// the radiance, unless an option requests tone mapping.
-Result<void> map_tones(const RenderArguments& a, const Field& field, Image& image) {
-  const bool linear = view_tone(field.provenance()).has_value();
-  if (a.tone_given && !linear)
-    return fail(ErrorCode::usage, field.path(),
-                ": --exposure and --tonemap need a field that holds linear radiance: one built "
-                "with --color-type half and shadowed or global --lighting");
-  if (!linear || (a.picture.is_exr() && !a.tone_given)) return {};
-  const ToneMapper map(a.tone);
-  for (glm::vec4& pixel : image.rgba) pixel = map(pixel);
-  return {};
-}
-
 nlohmann::json statistics_json(const ViewStatistics& s, const Footprint& file,
                                const ViewOptions& view) {
   return {{"mode", name(view.mode)},
@@ -125,7 +111,8 @@ Result<void> run_render(const RenderArguments& a) {
   ViewStatistics statistics;
   auto image = SLF_TRY(renderer.render(camera, view, &statistics));
   SLF_TRY(check_drawn(field, statistics));
-  SLF_TRY(map_tones(a, field, image));
+  const auto tone = a.tone_given ? std::optional(a.tone) : std::nullopt;
+  SLF_TRY(hinted(map_tones(field, tone, /*display=*/!a.picture.is_exr(), image)));
   SLF_TRY(a.picture.write(image));
   if (statistics.fallback_pixels() > 0)
     note(field.shape().subfields.empty()
@@ -178,6 +165,7 @@ Result<void> raycast_cameras(const RaycastArguments& a) {
   const std::filesystem::path folder = a.picture.output;
   const std::string list = (folder / "transforms.json").string();
   SourceArguments source = a.source;
+  source.finish(a.threads, OnSignal::end);
   source.check = [&](std::vector<std::string> inputs) -> Result<void> {
     inputs.push_back(a.cameras);
     SLF_TRY(refuse_overwrite(list, a.picture.force, inputs));
@@ -185,8 +173,7 @@ Result<void> raycast_cameras(const RaycastArguments& a) {
       SLF_TRY(refuse_overwrite(picture.file, a.picture.force, inputs));
     return {};
   };
-  const auto scene =
-      SLF_TRY(source.scene({a.threads, light_progress(OnSignal::end), source.light_file}));
+  const auto scene = SLF_TRY(hinted(make_scene(source)));
   const auto progress = progress_bar("raycast", "pictures", OnSignal::end);
   for (std::size_t k = 0; k < set.pictures.size(); ++k) {
     const Picture& picture = set.pictures[k];
@@ -204,10 +191,10 @@ Result<void> raycast_cameras(const RaycastArguments& a) {
 Result<void> run_raycast(const RaycastArguments& a) {
   if (!a.cameras.empty()) return raycast_cameras(a);
   SourceArguments source = a.source;
+  source.finish(a.threads, OnSignal::end);
   source.check = [&](const std::vector<std::string>& inputs) { return a.picture.check(inputs); };
   source.raycast.lighting.linear = a.picture.is_exr();
-  const auto scene =
-      SLF_TRY(source.scene({a.threads, light_progress(OnSignal::end), a.source.light_file}));
+  const auto scene = SLF_TRY(hinted(make_scene(source)));
   const Sphere sphere = scene->bounds();
   const auto camera = SLF_TRY(a.camera.camera(sphere));
   const auto image = SLF_TRY(trace_view(*scene, sphere, camera, a.threads,

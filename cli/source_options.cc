@@ -1,8 +1,7 @@
-// The options that state the source of rays.
+// The options that describe a scene.
+#include <algorithm>
+
 #include "cli/command.h"
-#include "slf/mesh.h"
-#include "slf/path_tracer.h"
-#include "slf/transfer.h"
 
 namespace slf::cli {
 namespace {
@@ -17,6 +16,37 @@ const Choices<ScalarType> kScalarTypes{{"u8", ScalarType::u8},   {"i8", ScalarTy
 std::string shorten_type(std::string& text) {
   if (const auto type = parse_scalar_type(text)) text = name(*type);
   return "";
+}
+
+/// Parses "10:200,:,50:", half-open ranges. An empty start or end is that of the volume.
+VoxelBox parse_crop(const std::string& text) {
+  VoxelBox box;
+  const auto parts = CLI::detail::split(text, ',');
+  bool ok = parts.size() == 3;
+  for (std::size_t i = 0; ok && i < 3; ++i) {
+    const auto colon = parts[i].find(':');
+    ok = colon != std::string::npos;
+    for (const bool first : {true, false}) {
+      if (!ok) break;
+      const std::string end = first ? parts[i].substr(0, colon) : parts[i].substr(colon + 1);
+      if (end.empty()) continue;
+      std::uint32_t& value = (first ? box.begin : box.end)[i];
+      ok = end.find_first_not_of("0123456789") == std::string::npos &&
+           CLI::detail::lexical_cast(end, value) && (first || value > 0);
+    }
+  }
+  if (ok) return box;
+  throw CLI::ValidationError("--crop", text + ": expected X0:X1,Y0:Y1,Z0:Z1, as 10:200,:,50:");
+}
+
+/// Adds an option for numbers with `delimiter` between them. `set` gets so many.
+template <class T, class Set>
+CLI::Option* add_numbers(CLI::App& command, const char* name, int count, char delimiter, Set set,
+                         const std::string& help) {
+  return command.add_option_function<std::vector<T>>(name, std::move(set), help)
+      ->delimiter(delimiter)
+      ->type_size(count)
+      ->expected(1);
 }
 
 }  // namespace
@@ -34,16 +64,17 @@ void SourceArguments::add_volume_to(CLI::App& command, const char* name) {
                   std::string(kTransferHelp) + "; default: made from the histogram")
       ->type_name(kAnyFile)
       ->group(kVolumeGroup);
-  command
-      .add_option("--range", range, "Stretch the transfer function to these values of the volume")
-      ->delimiter(',')
-      ->type_size(2)
-      ->expected(1)
+  add_numbers<double>(
+      command, "--range", 2, ',',
+      [this](const std::vector<double>& ends) {
+        range = {ends[0], ends[1]};
+      },
+      "Stretch the transfer function to these values of the volume")
       ->type_name("LO,HI")
       ->group(kVolumeGroup);
   auto* parts =
       command
-          .add_option("--labels-volume", labels_volume,
+          .add_option("--labels-volume", labels_volume.path,
                       "Label volume: each label gets a colour; on another grid it is resampled\n"
                       "by world position (nearest voxel)")
           ->type_name(kAnyFile)
@@ -55,7 +86,7 @@ void SourceArguments::add_volume_to(CLI::App& command, const char* name) {
       ->type_name(kAnyFile)
       ->needs(parts)
       ->group(kVolumeGroup);
-  command.add_option("--mask", mask, "Show the volume only where this mask is not 0")
+  command.add_option("--mask", mask.path, "Show the volume only where this mask is not 0")
       ->type_name(kAnyFile)
       ->group(kVolumeGroup);
   add_raw_to(command);
@@ -67,14 +98,13 @@ void SourceArguments::add_mesh_to(CLI::App& command) {
                             "Axis of a mesh's file that becomes +z, up; the y axis is the default\n"
                             "for glTF and OBJ, z for PLY and STL"),
          Choices<UpAxis>{{"y", UpAxis::y}, {"z", UpAxis::z}})
-      ->type_name("TEXT")
       ->group("Mesh");
 }
 
 void SourceArguments::add_pictures_to(CLI::App& command) {
   const char* group = "Pictures";
   choose(
-      command.add_option("--depth", pictures.depth,
+      command.add_option("--depth-kind", pictures.depth,
                          "What the pictures' depths mean: distance along the axis (z) or from the\n"
                          "eye (ray), or 1/z (inverse); none: neither use nor estimate depths;\n"
                          "default: z or ray, found by comparing pictures"),
@@ -82,7 +112,6 @@ void SourceArguments::add_pictures_to(CLI::App& command) {
                          {"ray", DepthKind::ray},
                          {"inverse", DepthKind::inverse},
                          {"none", DepthKind::none}})
-      ->type_name("TEXT")
       ->group(group);
   command
       .add_option("--depth-scale", pictures.depth_scale,
@@ -109,7 +138,6 @@ void SourceArguments::add_pictures_to(CLI::App& command) {
                          "Of pictures without alpha or masks: drop what lies outside the sphere, "
                          "or\nkeep it, as if painted on the sphere's far side; default: drop"),
       Choices<bool>{{"keep", true}, {"drop", false}})
-      ->type_name("TEXT")
       ->group(group);
   depth_cache = "";
   command
@@ -123,66 +151,67 @@ void SourceArguments::add_pictures_to(CLI::App& command) {
 void SourceArguments::add_raw_to(CLI::App& command) {
   const char* group = kVolumeGroup;
   command
-      .add_flag("--labels", labels, "Voxels are labels: nearest sampling, a colour for each label")
+      .add_flag("--labels", reading.labels,
+                "Voxels are labels: nearest sampling, a colour for each label")
       ->group(group);
-  auto* raw = command.add_option("--dims", dims, "Raw files: voxels along x, y, z, as 128x128x84")
-                  ->delimiter('x')
-                  ->type_size(3)
-                  ->expected(1)
-                  ->check(from_to(1, UINT32_MAX))
-                  ->type_name("NXxNYxNZ")
-                  ->group(group);
-  choose(command.add_option("--type", type, "Raw files: type of a voxel"), kScalarTypes)
+  auto* dims = add_numbers<std::uint32_t>(
+                   command, "--dims", 3, 'x',
+                   [this](const auto& sides) { std::ranges::copy(sides, raw.dims.begin()); },
+                   "Raw files: voxels along x, y, z, as 128x128x84")
+                   ->check(from_to(1, UINT32_MAX))
+                   ->type_name("NXxNYxNZ")
+                   ->group(group);
+  choose(command.add_option("--type", raw.type, "Raw files: type of a voxel"), kScalarTypes)
       ->transform(CLI::Validator(shorten_type, ""))
       ->type_name("TYPE")
-      ->needs(raw)
+      ->needs(dims)
       ->group(group)
       ->default_str("u8");
-  command
-      .add_option("--spacing", spacing,
-                  "Distance between voxels; default: what the file says, or 1")
-      ->delimiter('x')
-      ->type_size(3)
-      ->expected(1)
+  add_numbers<double>(
+      command, "--spacing", 3, 'x',
+      [this](const auto& lengths) { reading.spacing = to_vector(lengths); },
+      "Distance between voxels; default: what the file says, or 1")
       ->check(kLength)
       ->type_name("DXxDYxDZ")
       ->group(group);
   command
-      .add_option("--component", component,
+      .add_option("--component", reading.component,
                   "Component of each voxel (RGB, channels) to read, from 0")
       ->check(kNotNegative)
       ->type_name("N")
       ->group(group);
-  command.add_option("--time", time, "Time point of a file or series to read, from 0")
+  command.add_option("--time", reading.time, "Time point of a file or series to read, from 0")
       ->check(kNotNegative)
       ->type_name("N")
       ->group(group);
   command
-      .add_option("--array", array,
+      .add_option("--array", reading.array,
                   "Array of a VTI file, or image of an OME-TIFF, to read: its name")
       ->type_name("NAME")
       ->group(group);
   command
-      .add_option("--series", series,
+      .add_option("--series", reading.series,
                   "DICOM series of a folder to read: its number or UID, as `slf info` lists them")
       ->type_name("ID")
       ->group(group);
   command
-      .add_flag("--resample", resample,
+      .add_flag("--resample", reading.resample,
                 "Resample DICOM slices that are not evenly spaced, to the smallest distance")
       ->group(group);
-  command.add_option("--crop", crop, "Keep these voxels only: half-open ranges, as 10:200,:,50:")
+  command
+      .add_option_function<std::string>(
+          "--crop", [this](const std::string& text) { reading.crop = parse_crop(text); },
+          "Keep these voxels only: half-open ranges, as 10:200,:,50:")
       ->type_name("X:X,Y:Y,Z:Z")
       ->group(group);
-  choose(command.add_option("--endian", big_endian, "Raw files: order of a voxel's bytes"),
+  choose(command.add_option("--endian", raw.big_endian, "Raw files: order of a voxel's bytes"),
          Choices<bool>{{"little", false}, {"big", true}})
-      ->type_name("TEXT")
-      ->needs(raw)
+      ->needs(dims)
       ->group(group)
       ->default_str("little");
-  command.add_option("--offset", offset, "Raw files: bytes before the first voxel")
+  command.add_option("--offset", raw.offset, "Raw files: bytes before the first voxel")
       ->check(kNotNegative)
-      ->needs(raw)
+      ->needs(dims)
       ->group(group)
       ->capture_default_str();
 }
@@ -203,11 +232,13 @@ void SourceArguments::add_light_to(CLI::App& command) {
              Choices<Projection>{{"mip", Projection::maximum},
                                  {"minip", Projection::minimum},
                                  {"mean", Projection::mean}})
-          ->type_name("TEXT")
           ->group(group);
-  add_vector(command, "--light", light,
-             "World direction towards the light (LPS); "
-             "default: above, in front, to the patient's right")
+  add_numbers<double>(
+      command, "--light", 3, ',', [this](const auto& toward) { light = to_vector(toward); },
+      "World direction towards the light (LPS); "
+      "default: above, in front, to the patient's right")
+      ->check(kPlace)
+      ->type_name(kVector)
       ->group(group);
   command
       .add_option("--ambient", ambient,
@@ -216,21 +247,20 @@ void SourceArguments::add_light_to(CLI::App& command) {
       ->group(group)
       ->default_str(fmt::format("{:g}", raycast.ambient));
   command
-      .add_flag("--no-shade", no_shade,
-                "Colours as in the transfer function, unlit; implies --lighting direct")
+      .add_flag_callback(
+          "--no-shade", [this] { raycast.shade = false; },
+          "Colours as in the transfer function, unlit; implies --lighting direct")
       ->group(group);
-  LightOptions& lighting = raycast.lighting;
-  lighting.mode = Lighting::global;
+  LightOptions& options = raycast.lighting;
   auto* mode =
       choose(command.add_option(
-                 "--lighting", chosen_lighting,
+                 "--lighting", lighting,
                  "global: a rig of lights and its surroundings, with shadows and scattered\n"
                  "light; shadowed: without scattered light; direct: one light without\n"
                  "shadows, which needs no light volume"),
              Choices<Lighting>{{"direct", Lighting::direct},
                                {"shadowed", Lighting::shadowed},
                                {"global", Lighting::global}})
-          ->type_name("TEXT")
           ->group(group)
           ->default_str("global");
   mode->excludes(projection);
@@ -244,44 +274,44 @@ void SourceArguments::add_light_to(CLI::App& command) {
       ->default_str(built_in_rigs().front().name);
   add_environment_to(command);
   command
-      .add_option("--environment-gain", lighting.environment_gain,
+      .add_option("--environment-gain", options.environment_gain,
                   "Factor of the environment picture's radiance")
       ->check(from_to(0, 1e6))
       ->group(group)
       ->capture_default_str();
   command
-      .add_option("--light-samples", lighting.samples,
+      .add_option("--light-samples", options.samples,
                   "Paths of light per node of the light volume: more take longer and leave\n"
                   "less noise")
       ->check(CLI::Range(1, 65536).description(""))
       ->group(group)
       ->capture_default_str();
   command
-      .add_option("--light-bounces", lighting.bounces,
+      .add_option("--light-bounces", options.bounces,
                   "Maximum number of scattering events of a path (global)")
       ->check(CLI::Range(0, 1000).description(""))
       ->group(group)
       ->capture_default_str();
   command
-      .add_option("--light-spacing", lighting.spacing,
+      .add_option("--light-spacing", options.spacing,
                   "Distance between nodes of the light volume, in voxels")
       ->check(from_to(0.5, 16))
       ->group(group)
       ->capture_default_str();
-  add_bytes(command, "--light-memory", lighting.memory,
+  add_bytes(command, "--light-memory", options.memory,
             "Memory limit for computing the light volume; if it does not suffice,\n"
             "nodes are further apart")
       ->group(group);
-  command.add_option("--light-seed", lighting.seed, "Random seed")
+  command.add_option("--light-seed", options.seed, "Random seed")
       ->group(group)
       ->capture_default_str();
   add_light_file_to(command);
-  add_tone(command, lighting.tone, group);
+  add_tone(command, options.tone, group);
 }
 
 void SourceArguments::add_light_file_to(CLI::App& command) {
   command
-      .add_option("--light-file", light_file,
+      .add_option("--light-file", light_volume.file,
                   "Keep the light volume in this file, and read it from there if it is the same")
       ->type_name(kAnyFile)
       ->group("Light");

@@ -30,7 +30,7 @@ using slf::sample_bytes;
 using slf::SampleFormat;
 using slf::TileShape;
 
-class Predictor;
+struct Predicted;
 
 class Codec {
  public:
@@ -47,12 +47,13 @@ class Codec {
   [[nodiscard]] virtual bool in_place() const { return false; }
 
   /// Whether tiles of levels above 0 are coded as differences from a prediction. Other codecs
-  /// ignore predictors.
+  /// ignore predictions.
   [[nodiscard]] virtual bool predicts() const { return false; }
 
-  /// For each candidate of the predictor 1 if the payload, untrusted, names it as one to predict
-  /// from, else 0. Empty if the codec does not predict.
-  [[nodiscard]] virtual std::vector<std::uint8_t> references(const Predictor&, ByteSpan) const {
+  /// Predicted::used of a payload, untrusted, for a tile of this level with candidates of these
+  /// kinds. Empty if the codec does not predict.
+  [[nodiscard]] virtual std::vector<std::uint8_t> references(
+      unsigned /*level*/, std::span<const std::uint8_t> /*kinds*/, ByteSpan /*payload*/) const {
     return {};
   }
 
@@ -63,17 +64,17 @@ class Codec {
   /// Encodes `samples` (exactly tile.bytes() bytes) and replaces the content of `payload`. The same
   /// samples and predictions give the same bytes on every machine and thread, with the same
   /// versions of compression libraries. A tile with samples gets at least one byte, because no
-  /// bytes stand for an empty tile; a tile without rows gets none. `predictor` is null for a tile
-  /// of level 0, which is predicted from nothing. Errors of the predictor.
+  /// bytes stand for an empty tile; a tile without rows gets none. `predicted` is null for a tile
+  /// of level 0, which is predicted from nothing.
   [[nodiscard]] virtual Result<void> encode(const TileShape& tile, ByteSpan samples,
-                                            Predictor* predictor, Bytes& payload) const = 0;
+                                            const Predicted* predicted, Bytes& payload) const = 0;
 
   /// Decodes `payload` into `samples` (exactly tile.bytes() bytes, at any alignment; caller-owned).
-  /// `predictor` predicts what that of encode() did, or is null as well.
-  /// bad_file: the payload is damaged or of another shape; the content of `samples` is undefined.
-  /// Errors of the predictor.
+  /// `predicted` is what encode() was given, or null as well.
+  /// bad_file: the payload is damaged, of another shape, or predicted from other tiles; the content
+  /// of `samples` is undefined.
   [[nodiscard]] virtual Result<void> decode(const TileShape& tile, ByteSpan payload,
-                                            Predictor* predictor,
+                                            const Predicted* predicted,
                                             std::span<std::byte> samples) const = 0;
 };
 

@@ -111,6 +111,19 @@ void restore_block_any(const Block& quantised, std::size_t count, const std::int
     inverse<8>(coefficients, pixels, stride);
 }
 
+void multiply_any(const float* a, std::size_t a_stride, const float* b, std::size_t b_stride,
+                  float* product) {
+  const hn::CappedTag<float, 8> d;
+  for (std::size_t x = 0; x < 8; x += hn::Lanes(d))
+    for (std::size_t y = 0; y < 8; ++y) {
+      auto sum = hn::Mul(hn::Set(d, a[y * a_stride]), hn::LoadU(d, b + x));
+      for (std::size_t k = 1; k < 8; ++k)
+        sum = hn::Add(sum,
+                      hn::Mul(hn::Set(d, a[y * a_stride + k]), hn::LoadU(d, b + k * b_stride + x)));
+      hn::StoreU(sum, d, product + 8 * y + x);
+    }
+}
+
 }  // namespace
 }  // namespace HWY_NAMESPACE
 }  // namespace slf::codec
@@ -120,34 +133,31 @@ HWY_AFTER_NAMESPACE();
 namespace slf::codec {
 namespace {
 
-/// Basis functions, 181.02 times as large as orthonormal ones: kBasis[frequency][place].
-constexpr int kBasis[8][8] = {
-    {64, 64, 64, 64, 64, 64, 64, 64},     {89, 75, 50, 18, -18, -50, -75, -89},
-    {83, 36, -36, -83, -83, -36, 36, 83}, {75, -18, -89, -50, 50, 89, 18, -75},
-    {64, -64, -64, 64, 64, -64, -64, 64}, {50, -89, 18, 75, -75, -18, 89, -50},
-    {36, -83, 83, -36, -36, 83, -83, 36}, {18, -50, 75, -89, 89, -75, 50, -18}};
+/// Basis functions, 181.02 times as large as orthonormal ones: one in each row.
+constexpr std::array<float, 64> kBasis = {
+    64, 64,  64,  64,  64,  64,  64,  64, 89, 75,  50,  18,  -18, -50, -75, -89,
+    83, 36,  -36, -83, -83, -36, 36,  83, 75, -18, -89, -50, 50,  89,  18,  -75,
+    64, -64, -64, 64,  64,  -64, -64, 64, 50, -89, 18,  75,  -75, -18, 89,  -50,
+    36, -83, 83,  -36, -36, 83,  -83, 36, 18, -50, 75,  -89, 89,  -75, 50,  -18};
+
+/// The basis with one function in each column, normalised: coefficient = 16 * B v B^T / 181.02^2.
+constexpr std::array<float, 64> kNormalised =
+    transposed(kBasis, static_cast<float>(kCoefficientScale) / 32768.f);
 
 }  // namespace
 
+HWY_EXPORT(multiply_any);
 HWY_EXPORT(restore_block_any);
 
-std::array<float, 64> forward_dct(const std::array<float, 64>& values) {
-  // The transpose of the basis, normalised: coefficient = 16 * B v B^T / 181.02^2.
-  constexpr float kNorm = static_cast<float>(kCoefficientScale) / 32768.f;
-  std::array<float, 64> rows{}, out{};
-  for (std::size_t y = 0; y < 8; ++y)
-    for (std::size_t k = 0; k < 8; ++k) {
-      float sum = 0;
-      for (std::size_t x = 0; x < 8; ++x)
-        sum += static_cast<float>(kBasis[k][x]) * values[8 * y + x];
-      rows[8 * y + k] = sum;
-    }
-  for (std::size_t v = 0; v < 8; ++v)
-    for (std::size_t k = 0; k < 8; ++k) {
-      float sum = 0;
-      for (std::size_t y = 0; y < 8; ++y) sum += static_cast<float>(kBasis[v][y]) * rows[8 * y + k];
-      out[8 * v + k] = sum * kNorm;
-    }
+void multiply(const float* a, std::size_t a_stride, const float* b, std::size_t b_stride,
+              std::array<float, 64>& product) {
+  HWY_DYNAMIC_DISPATCH(multiply_any)(a, a_stride, b, b_stride, product.data());
+}
+
+std::array<float, 64> forward_dct(const float* values, std::size_t stride) {
+  std::array<float, 64> rows, out;
+  multiply(values, stride, kNormalised.data(), 8, rows);
+  multiply(kBasis.data(), 8, rows.data(), 8, out);
   return out;
 }
 

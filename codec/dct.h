@@ -3,6 +3,7 @@
 #pragma once
 
 #include <array>
+#include <cstddef>
 #include <cstdint>
 
 namespace slf::codec {
@@ -14,8 +15,19 @@ using Block = std::array<std::int16_t, 64>;
 /// Coefficients are 16 times those of the orthonormal DCT.
 inline constexpr int kCoefficientScale = 16;
 
-/// The coefficients of a block of values.
-[[nodiscard]] std::array<float, 64> forward_dct(const std::array<float, 64>& values);
+/// The transpose of a matrix, times `scale`.
+constexpr std::array<float, 64> transposed(const std::array<float, 64>& matrix, float scale = 1) {
+  std::array<float, 64> columns{};
+  for (std::size_t k = 0; k < 64; ++k) columns[k] = matrix[k % 8 * 8 + k / 8] * scale;
+  return columns;
+}
+
+/// The product of two 8 × 8 matrices. Sums are in order, so all machines give the same floats.
+void multiply(const float* a, std::size_t a_stride, const float* b, std::size_t b_stride,
+              std::array<float, 64>& product);
+
+/// The coefficients of a block of values: those of row y are at `values` + y * stride.
+[[nodiscard]] std::array<float, 64> forward_dct(const float* values, std::size_t stride);
 
 /// Computes pixels from quantised coefficients, which are multiplied by `steps` and limited to 16
 /// bits, in 32-bit integers that no input overflows. Only the first `count` coefficients in zigzag

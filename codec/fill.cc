@@ -1,45 +1,51 @@
 #include "codec/fill.h"
 
 #include <algorithm>
+#include <limits>
 #include <vector>
 
 namespace slf::codec {
 namespace {
 
-struct Level {
-  std::size_t width, height;
-  std::vector<float> values, weight;
-};
+// The inner loops have no branches, so that compilers put them on vectors.
 
-// Weighted means of 2 × 2 pixels. Weights are at most 1.
-Level push(std::size_t width, std::size_t height, std::span<const float> values,
-           std::span<const float> weight) {
-  Level half{(width + 1) / 2, (height + 1) / 2, {}, {}};
-  half.values.resize(half.width * half.height);
-  half.weight.resize(half.values.size());
-  for (std::size_t y = 0; y < half.height; ++y)
-    for (std::size_t x = 0; x < half.width; ++x) {
-      float sum = 0, total = 0;
-      for (std::size_t v = 2 * y; v < std::min(2 * y + 2, height); ++v)
-        for (std::size_t u = 2 * x; u < std::min(2 * x + 2, width); ++u) {
-          sum += weight[v * width + u] * values[v * width + u];
-          total += weight[v * width + u];
-        }
-      half.values[y * half.width + x] = total > 0 ? sum / total : 0;
-      half.weight[y * half.width + x] = std::min(total, 1.0f);
-    }
-  return half;
+/// The weighted means of 2 × 2 pixels: of `count` pixels of each of two rows. Weights are at
+/// most 1.
+void push_row(std::size_t count, const float* __restrict a, const float* __restrict a_weight,
+              const float* __restrict b, const float* __restrict b_weight, float* __restrict values,
+              float* __restrict weight) {
+  const auto store = [&](std::size_t to, float sum, float total) {
+    values[to] = sum / std::max(total, std::numeric_limits<float>::min());
+    weight[to] = std::min(total, 1.0f);
+  };
+  for (std::size_t x = 0; x < count / 2; ++x) {
+    const std::size_t u = 2 * x, v = u + 1;
+    store(x, a_weight[u] * a[u] + a_weight[v] * a[v] + b_weight[u] * b[u] + b_weight[v] * b[v],
+          a_weight[u] + a_weight[v] + b_weight[u] + b_weight[v]);
+  }
+  if (count % 2 == 0) return;
+  const std::size_t u = count - 1;
+  store(count / 2, a_weight[u] * a[u] + b_weight[u] * b[u], a_weight[u] + b_weight[u]);
 }
 
-// The coarse picture's value at a fine pixel: 9, 3, 3 and 1 sixteenths of the nearest four pixels.
-float pull(const Level& coarse, std::size_t x, std::size_t y) {
-  const std::size_t u = x / 2, v = y / 2;
-  const auto beside = [](std::size_t fine, std::size_t at, std::size_t size) {
-    return fine % 2 == 0 ? (at > 0 ? at - 1 : at) : std::min(at + 1, size - 1);
+/// Blends a row of `count` pixels with the coarse picture's values: 9, 3, 3 and 1 sixteenths of the
+/// nearest four pixels, which are in the rows `near` and `far`.
+void pull_row(std::size_t count, const float* __restrict near, const float* __restrict far,
+              const float* __restrict weight, float* __restrict values) {
+  const auto blend = [&](std::size_t x, std::size_t u, std::size_t beside) {
+    const float coarse = (9 * near[u] + 3 * near[beside] + 3 * far[u] + far[beside]) * (1.0f / 16);
+    values[x] = weight[x] * values[x] + (1 - weight[x]) * coarse;
   };
-  const std::size_t u2 = beside(x, u, coarse.width), v2 = beside(y, v, coarse.height);
-  const auto at = [&](std::size_t i, std::size_t j) { return coarse.values[j * coarse.width + i]; };
-  return (9 * at(u, v) + 3 * at(u2, v) + 3 * at(u, v2) + at(u2, v2)) * (1.0f / 16);
+  const std::size_t last = (count - 1) / 2;
+  blend(0, 0, 0);
+  if (count > 1) blend(1, 0, std::min<std::size_t>(1, last));
+  for (std::size_t u = 1; u < last; ++u) {
+    blend(2 * u, u, u - 1);
+    blend(2 * u + 1, u, u + 1);
+  }
+  if (last == 0) return;
+  blend(2 * last, last, last - 1);
+  if (count % 2 == 0) blend(2 * last + 1, last, last);
 }
 
 }  // namespace
@@ -48,15 +54,25 @@ void fill(std::size_t width, std::size_t height, std::span<const float> weight,
           std::span<float> values) {
   const auto certain = [](float w) { return w >= 1; };
   if (width * height <= 1 || std::all_of(weight.begin(), weight.end(), certain)) return;
-  Level coarse = push(width, height, values, weight);
-  if (std::all_of(coarse.weight.begin(), coarse.weight.end(), [](float w) { return w == 0; }))
-    return;
-  fill(coarse.width, coarse.height, coarse.weight, coarse.values);
-  for (std::size_t y = 0; y < height; ++y)
-    for (std::size_t x = 0; x < width; ++x) {
-      const std::size_t i = y * width + x;
-      if (weight[i] < 1) values[i] = weight[i] * values[i] + (1 - weight[i]) * pull(coarse, x, y);
-    }
+  const std::size_t across = (width + 1) / 2, down = (height + 1) / 2;
+  std::vector<float> coarse(across * down), coarse_weight(coarse.size());
+  const std::vector<float> nothing(height % 2 * width);  // the row below the last one
+  for (std::size_t v = 0; v < down; ++v) {
+    const std::size_t y = 2 * v * width, below = y + width;
+    const bool odd = below == values.size();
+    push_row(width, &values[y], &weight[y], odd ? nothing.data() : &values[below],
+             odd ? nothing.data() : &weight[below], &coarse[v * across],
+             &coarse_weight[v * across]);
+  }
+  const auto none = [](float w) { return w == 0; };
+  if (std::all_of(coarse_weight.begin(), coarse_weight.end(), none)) return;
+  fill(across, down, coarse_weight, coarse);
+  for (std::size_t y = 0; y < height; ++y) {
+    const std::size_t near = y / 2, above = near - std::min<std::size_t>(near, 1);
+    const std::size_t far = y % 2 == 0 ? above : std::min(near + 1, down - 1);
+    pull_row(width, &coarse[near * across], &coarse[far * across], &weight[y * width],
+             &values[y * width]);
+  }
 }
 
 }  // namespace slf::codec

@@ -1,6 +1,8 @@
 #include "codec/jpeg_alpha.h"
 
 #include <algorithm>
+#include <array>
+#include <limits>
 #include <vector>
 
 #include "base/try.h"
@@ -35,13 +37,14 @@ struct Candidate {
   std::vector<std::uint8_t> alpha;
 };
 
-Result<Candidate> in_steps(const TileShape& tile, int top, std::span<const std::uint8_t> alpha) {
-  Candidate result;
-  result.payload.push_back(static_cast<std::byte>(top));
-  result.alpha.resize(alpha.size());
-  for (std::size_t i = 0; i < alpha.size(); ++i) result.alpha[i] = to_steps(alpha[i], top);
+// `steps` and `shown` are those of each alpha.
+using Table = std::array<std::uint8_t, 256>;
+Result<Candidate> in_steps(const TileShape& tile, int top, const Table& steps, const Table& shown,
+                           std::span<const std::uint8_t> alpha) {
+  Candidate result{{static_cast<std::byte>(top)}, {alpha.begin(), alpha.end()}};
+  for (std::uint8_t& value : result.alpha) value = steps[value];
   SLF_TRY(append_bytes(tile, std::as_bytes(std::span(result.alpha)), kZstdLevel, result.payload));
-  for (std::uint8_t& value : result.alpha) value = from_steps(value, top);
+  for (std::size_t i = 0; i < alpha.size(); ++i) result.alpha[i] = shown[alpha[i]];
   return result;
 }
 
@@ -58,43 +61,45 @@ Result<Candidate> as_jpeg(const TileShape& tile, const Mosaic& mosaic, const Jpe
   return result;
 }
 
-double squared_error(std::span<const std::uint8_t> a, std::span<const std::uint8_t> b) {
-  double sum = 0;
-  for (std::size_t i = 0; i < a.size(); ++i) {
-    const double difference = int{a[i]} - int{b[i]};
-    sum += difference * difference;
-  }
-  return sum;
-}
+std::uint64_t squared(int a, int b) { return static_cast<std::uint64_t>((a - b) * (a - b)); }
 
 }  // namespace
 
 Result<void> append_jpeg_alpha(const TileShape& tile, const Mosaic& mosaic,
                                const JpegTables& tables, bool exact, std::span<std::uint8_t> alpha,
                                Bytes& payload) {
-  std::vector<Result<Candidate>> candidates;
-  candidates.push_back(in_steps(tile, 255, alpha));
-  if (!exact) {
-    for (const int top : {85, 51, 15}) candidates.push_back(in_steps(tile, top, alpha));
-    const auto soft = std::count_if(alpha.begin(), alpha.end(),
-                                    [](auto value) { return value != 0 && value != 255; });
-    if (static_cast<std::size_t>(soft) > alpha.size() / 8)
-      candidates.push_back(as_jpeg(tile, mosaic, tables, alpha));
-  }
   // An error in alpha also causes an error in the colour under it.
   const double error_of_a_byte = 8 * error_per_bit(tables.quantisation[0]) / 2;
-  const Candidate* best = nullptr;
-  double min_cost = 0;
-  for (const auto& candidate : candidates) {
-    if (!candidate) return tl::unexpected(candidate.error());
-    const double cost = squared_error(alpha, candidate->alpha) +
-                        error_of_a_byte * static_cast<double>(candidate->payload.size());
-    if (best && cost >= min_cost) continue;
-    best = &*candidate;
-    min_cost = cost;
+  Candidate best;
+  double min_cost = std::numeric_limits<double>::max();
+  const auto consider = [&](Candidate candidate, std::uint64_t error) {
+    const double cost = static_cast<double>(error) +
+                        error_of_a_byte * static_cast<double>(candidate.payload.size());
+    if (cost < min_cost) best = std::move(candidate), min_cost = cost;
+  };
+  std::array<std::uint64_t, 256> counts{};
+  for (const std::uint8_t value : alpha) ++counts[value];
+  for (const int top : {255, 85, 51, 15}) {
+    if (exact && top != 255) break;
+    Table steps, shown;
+    std::uint64_t error = 0;
+    for (std::size_t value = 0; value < 256; ++value) {
+      steps[value] = to_steps(static_cast<std::uint8_t>(value), top);
+      shown[value] = from_steps(steps[value], top);
+      error += counts[value] * squared(static_cast<int>(value), shown[value]);
+    }
+    if (static_cast<double>(error) >= min_cost) continue;
+    Candidate candidate = SLF_TRY(in_steps(tile, top, steps, shown, alpha));
+    consider(std::move(candidate), error);
   }
-  payload.insert(payload.end(), best->payload.begin(), best->payload.end());
-  std::copy(best->alpha.begin(), best->alpha.end(), alpha.begin());
+  if (!exact && alpha.size() - counts[0] - counts[255] > alpha.size() / 8) {
+    Candidate candidate = SLF_TRY(as_jpeg(tile, mosaic, tables, alpha));
+    std::uint64_t error = 0;
+    for (std::size_t i = 0; i < alpha.size(); ++i) error += squared(alpha[i], candidate.alpha[i]);
+    consider(std::move(candidate), error);
+  }
+  payload.insert(payload.end(), best.payload.begin(), best.payload.end());
+  std::copy(best.alpha.begin(), best.alpha.end(), alpha.begin());
   return {};
 }
 

@@ -56,9 +56,9 @@ class JpegCodec final : public Codec {
   bool lossless() const override { return false; }
   ByteSpan tables() const override { return table_bytes_; }
 
-  Result<void> encode(const TileShape& tile, ByteSpan samples, Predictor*,
+  Result<void> encode(const TileShape& tile, ByteSpan samples, const Predicted*,
                       Bytes& payload) const override;
-  Result<void> decode(const TileShape& tile, ByteSpan payload, Predictor*,
+  Result<void> decode(const TileShape& tile, ByteSpan payload, const Predicted*,
                       std::span<std::byte> samples) const override;
 
  private:
@@ -75,7 +75,7 @@ class JpegCodec final : public Codec {
   bool can_encode_;
 };
 
-Result<void> JpegCodec::encode(const TileShape& tile, ByteSpan samples, Predictor*,
+Result<void> JpegCodec::encode(const TileShape& tile, ByteSpan samples, const Predicted*,
                                Bytes& payload) const {
   assert(tile.format == format_ && samples.size() == tile.bytes());
   payload.clear();
@@ -117,7 +117,7 @@ void blend(const TileShape& tile, const Mosaic& mosaic, std::span<const std::uin
   std::memcpy(samples.data(), words.data(), samples.size());
 }
 
-Result<void> JpegCodec::decode(const TileShape& tile, ByteSpan payload, Predictor*,
+Result<void> JpegCodec::decode(const TileShape& tile, ByteSpan payload, const Predicted*,
                                std::span<std::byte> samples) const {
   assert(tile.format == format_ && samples.size() == tile.bytes());
   if (tile.bytes() == 0 && payload.empty()) return {};

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 
+#include "codec/dct.h"
 #include "codec/fill.h"
 #include "codec/zigzag.h"
 
@@ -24,31 +25,20 @@ constexpr float kErrorPerBit = 0.09f;
 // libraries compute cosines that differ in the last bit.
 constexpr float kC0 = 0.353553391f, kC1 = 0.490392640f, kC2 = 0.461939766f, kC3 = 0.415734806f,
                 kC5 = 0.277785117f, kC6 = 0.191341716f, kC7 = 0.097545161f;
-constexpr float kCosines[kSide][kSide] = {
-    {kC0, kC0, kC0, kC0, kC0, kC0, kC0, kC0},     {kC1, kC3, kC5, kC7, -kC7, -kC5, -kC3, -kC1},
-    {kC2, kC6, -kC6, -kC2, -kC2, -kC6, kC6, kC2}, {kC3, -kC7, -kC1, -kC5, kC5, kC1, kC7, -kC3},
-    {kC0, -kC0, -kC0, kC0, kC0, -kC0, -kC0, kC0}, {kC5, -kC1, kC7, kC3, -kC3, -kC7, kC1, -kC5},
-    {kC6, -kC2, kC2, -kC6, -kC6, kC2, -kC2, kC6}, {kC7, -kC5, kC3, -kC1, kC1, -kC3, kC5, -kC7}};
+constexpr std::array<float, 64> kCosines = {
+    kC0, kC0,  kC0,  kC0,  kC0,  kC0,  kC0,  kC0, kC1, kC3,  kC5,  kC7,  -kC7, -kC5, -kC3, -kC1,
+    kC2, kC6,  -kC6, -kC2, -kC2, -kC6, kC6,  kC2, kC3, -kC7, -kC1, -kC5, kC5,  kC1,  kC7,  -kC3,
+    kC0, -kC0, -kC0, kC0,  kC0,  -kC0, -kC0, kC0, kC5, -kC1, kC7,  kC3,  -kC3, -kC7, kC1,  -kC5,
+    kC6, -kC2, kC2,  -kC6, -kC6, kC2,  -kC2, kC6, kC7, -kC5, kC3,  -kC1, kC1,  -kC3, kC5,  -kC7};
 
-constexpr auto kTransposedCosines = [] {
-  std::array<std::array<float, kSide>, kSide> result{};
-  for (std::size_t k = 0; k < kSide; ++k)
-    for (std::size_t x = 0; x < kSide; ++x) result[x][k] = kCosines[k][x];
-  return result;
-}();
+constexpr std::array<float, 64> kTransposedCosines = transposed(kCosines);
 
-// Transforms the 8 × 8 values at `from`. The inner loops vectorise without reordering any sum.
+// Transforms the 8 × 8 values at `from`.
 std::array<float, 64> transform(const float* from, std::size_t stride) {
-  float lines[kSide][kSide]{};
-  for (std::size_t y = 0; y < kSide; ++y)
-    for (std::size_t k = 0; k < kSide; ++k)
-      for (std::size_t x = 0; x < kSide; ++x) lines[k][x] += kCosines[k][y] * from[y * stride + x];
-  float both[kSide][kSide]{};
-  for (std::size_t k = 0; k < kSide; ++k)
-    for (std::size_t x = 0; x < kSide; ++x)
-      for (std::size_t j = 0; j < kSide; ++j) both[k][j] += lines[k][x] * kTransposedCosines[x][j];
-  std::array<float, 64> block;
-  for (std::size_t i = 0; i < 64; ++i) block[i] = both[kZigzag[i] / kSide][kZigzag[i] % kSide];
+  std::array<float, 64> lines, both, block;
+  multiply(kCosines.data(), kSide, from, stride, lines);
+  multiply(lines.data(), kSide, kTransposedCosines.data(), kSide, both);
+  for (std::size_t i = 0; i < 64; ++i) block[i] = both[kZigzag[i]];
   return block;
 }
 
@@ -114,13 +104,14 @@ struct Codes {
 class BitWriter {
  public:
   explicit BitWriter(Bytes& to) : to_(to) {}
+  /// Up to 32 bits; those above them are 0.
   void put(unsigned bits, unsigned count) {
-    pending_ = pending_ << count | (bits & ((1u << count) - 1));
+    pending_ = pending_ << count | bits;
     for (count_ += count; count_ >= 8; count_ -= 8) put_byte(pending_ >> (count_ - 8) & 0xFF);
   }
   /// Pads the last byte with ones.
   void finish() {
-    if (count_ > 0) put(0x7F, 8 - count_);
+    if (count_ > 0) put(0xFFu >> count_, 8 - count_);
   }
 
  private:
@@ -139,85 +130,104 @@ unsigned size_of(int value) {
 }
 unsigned bits_of(int value) { return static_cast<unsigned>(value < 0 ? value - 1 : value); }
 
-using Quantised = std::array<std::int16_t, 64>;
+// The levels of a block, and which of its AC levels are not 0. Other AC levels are not set.
+struct Quantised {
+  std::array<std::int16_t, 64> levels;
+  std::uint64_t some = 0;
+};
 
 // Chooses the AC levels of a block that minimise squared error + error per bit × bits, by dynamic
 // programming over the position of the last level that is not 0.
 class Quantiser {
  public:
   Quantiser(const std::array<std::uint8_t, 64>& steps, const Codes& codes)
-      : steps_(steps), codes_(codes), error_per_bit_(error_per_bit(steps)) {}
-
-  void quantise(const JpegCoefficients::Block& block, Quantised& levels) {
-    const std::array<float, 64>& values = block.values;
-    // The less the pixels of a block matter, the larger an error one bit may cause.
-    block_error_per_bit_ = error_per_bit_ / block.coverage;
-    levels.fill(0);
-    levels[0] = static_cast<std::int16_t>(
-        std::clamp(std::nearbyint(values[0] / float(steps_[0])), -1024.0f, 1016.0f));
-    // zeroed[i]: the error if coefficients 1..i are all zero.
-    float zeroed[64];
-    zeroed[0] = 0;
-    for (std::size_t i = 1; i < 64; ++i) zeroed[i] = zeroed[i - 1] + values[i] * values[i];
-
-    // Nodes are the start and every position that may have a level. Edges skip zeros.
-    count_ = 0;
-    node_[count_++] = {0, 0, 0, 0};
-    for (std::size_t i = 1; i < 64; ++i) add_node(i, values[i], zeroed);
-    float best = std::numeric_limits<float>::max();
-    std::size_t last = 0;
-    for (std::size_t n = 0; n < count_; ++n) {
-      const bool at_end = node_[n].position == 63;
-      const float cost = node_[n].cost + (zeroed[63] - zeroed[node_[n].position]) +
-                         (at_end ? 0 : block_error_per_bit_ * float(codes_.length[kEndOfBlock]));
-      if (cost < best) {
-        best = cost;
-        last = n;
+      : end_bits_(codes.length[kEndOfBlock]), error_per_bit_(error_per_bit(steps)) {
+    std::copy(steps.begin(), steps.end(), steps_.begin());
+    for (unsigned size = 1; size < bits_.size(); ++size) {
+      float fewest = std::numeric_limits<float>::max();
+      for (unsigned run = 63; run-- > 0;) {
+        const unsigned symbol = run % 16 << 4 | size, sixteens = run / 16;
+        bits_[size][run] = static_cast<float>(codes.length[symbol] + size +
+                                              sixteens * codes.length[kSixteenZeros]);
+        fewest = std::min(fewest, bits_[size][run]);
+        most_saved_ = std::max(most_saved_, bits_[size][run] - fewest);
       }
     }
-    for (; last != 0; last = node_[last].before) levels[node_[last].position] = node_[last].level;
+  }
+
+  void quantise(const JpegCoefficients::Block& block, Quantised& to) {
+    const std::array<float, 64>& values = block.values;
+    // The less the pixels of a block matter, the larger an error one bit may cause.
+    const float block_error_per_bit = error_per_bit_ / block.coverage;
+    // zeroed[i]: the error if coefficients 1..i are 0.
+    std::array<float, 64> zeroed;
+    std::array<std::int32_t, 64> nearest;
+    for (std::size_t i = 0; i < 64; ++i) {
+      const float rounded = std::min(std::abs(values[i]) / steps_[i] + 0.5f, 1023.f);
+      nearest[i] = static_cast<std::int32_t>(rounded);
+      zeroed[i] = values[i] * values[i];
+    }
+    zeroed[0] = 0;
+    std::uint64_t left = 0;  // positions that may have a level
+    for (std::size_t i = 1; i < 64; ++i) {
+      zeroed[i] += zeroed[i - 1];
+      left |= std::uint64_t{nearest[i] > 0} << i;
+    }
+
+    // Nodes are the start and every position that may have a level. Edges skip zeros. Live nodes
+    // are those that some later node or the end may follow.
+    std::array<std::uint8_t, 64> live;
+    std::size_t count = 1;
+    node_[live[0] = 0] = {0, 0, 0};
+    for (; left != 0; left &= left - 1) {
+      const auto i = static_cast<std::uint8_t>(std::countr_zero(left));
+      Node& node = node_[i] = {0, 0, std::numeric_limits<float>::max()};
+      // A lower level is only better if it is of another size.
+      const int lower = (nearest[i] & (nearest[i] - 1)) == 0 ? nearest[i] - 1 : 0;
+      for (const int level : {nearest[i], lower}) {
+        if (level == 0) break;
+        const std::array<float, 63>& bits = bits_[size_of(level)];
+        const float error = std::abs(values[i]) - static_cast<float>(level) * steps_[i];
+        for (std::size_t n = 0; n < count; ++n) {
+          const std::uint8_t from = live[n];
+          const float cost = node_[from].cost + (zeroed[i - 1u] - zeroed[from]) +
+                             block_error_per_bit * bits[i - 1u - from] + error * error;
+          if (cost < node.cost)
+            node = {static_cast<std::int16_t>(values[i] < 0 ? -level : level), from, cost};
+        }
+      }
+      // What follows a node costs at most this much more than what follows an earlier one.
+      const float ahead = node.cost - zeroed[i] + block_error_per_bit * most_saved_;
+      while (count > 0 && node_[live[count - 1]].cost - zeroed[live[count - 1]] >= ahead) --count;
+      live[count++] = i;
+    }
+    float best = std::numeric_limits<float>::max();
+    std::uint8_t last = 0;
+    for (std::size_t n = 0; n < count; ++n) {
+      const std::uint8_t i = live[n];
+      const float cost = node_[i].cost + (zeroed[63] - zeroed[i]) +
+                         (i == 63 ? 0 : block_error_per_bit * end_bits_);
+      if (cost < best) best = cost, last = i;
+    }
+    to.levels[0] = static_cast<std::int16_t>(
+        std::clamp(std::nearbyint(values[0] / steps_[0]), -1024.0f, 1016.0f));
+    to.some = 0;
+    for (; last != 0; last = node_[last].before)
+      to.levels[last] = node_[last].level, to.some |= std::uint64_t{1} << last;
   }
 
  private:
   struct Node {
-    std::size_t position;
     std::int16_t level;
-    std::size_t before;
-    float cost;  // of the block up to this node
+    std::uint8_t before;  // the position of the node before
+    float cost;           // of the block up to this node
   };
 
-  void add_node(std::size_t position, float value, const float* zeroed) {
-    const float step = steps_[position];
-    const float magnitude = std::abs(value);
-    const int nearest = std::min(static_cast<int>(std::floor(magnitude / step + 0.5f)), 1023);
-    for (int level = nearest; level > 0 && level + 1 >= nearest; --level) {
-      const float error = magnitude - float(level) * step;
-      const unsigned size = size_of(level);
-      Node node{position, static_cast<std::int16_t>(value < 0 ? -level : level), 0,
-                std::numeric_limits<float>::max()};
-      for (std::size_t n = 0; n < count_; ++n) {
-        if (node_[n].position == position) break;  // the other level of this position
-        const std::size_t run = position - node_[n].position - 1, runs_of_16 = run / 16;
-        const unsigned symbol = static_cast<unsigned>(run % 16 * 16) | size;
-        const float bits = float(codes_.length[symbol]) + float(size) +
-                           float(runs_of_16) * float(codes_.length[kSixteenZeros]);
-        const float cost = node_[n].cost + (zeroed[position - 1] - zeroed[node_[n].position]) +
-                           block_error_per_bit_ * bits;
-        if (cost >= node.cost) continue;
-        node.cost = cost;
-        node.before = n;
-      }
-      node.cost += error * error;
-      node_[count_++] = node;
-    }
-  }
-
-  const std::array<std::uint8_t, 64>& steps_;
-  const Codes& codes_;
-  float error_per_bit_;
-  float block_error_per_bit_ = 0;
-  std::array<Node, 1 + 2 * 63> node_;  // the start, and up to two levels at each position
-  std::size_t count_ = 0;
+  std::array<float, 64> steps_;
+  float end_bits_, error_per_bit_;
+  std::array<std::array<float, 63>, 11> bits_{};  // of a level after zeros: by its size, by these
+  float most_saved_ = 0;                          // bits, by more zeros before a level
+  std::array<Node, 64> node_;                     // at each position
 };
 
 // Writes or counts the symbols of the blocks of one component.
@@ -229,30 +239,28 @@ class BlockCoder {
 
   int last_dc() const { return last_dc_; }
 
-  void code(const Quantised& levels) {
-    const int difference = levels[0] - last_dc_;
-    last_dc_ = levels[0];
+  void code(const Quantised& of) {
+    const int difference = of.levels[0] - last_dc_;
+    last_dc_ = of.levels[0];
     put(dc_, dc_counts_, size_of(difference), difference, size_of(difference));
-    unsigned run = 0;
-    for (std::size_t i = 1; i < 64; ++i) {
-      if (levels[i] == 0) {
-        ++run;
-        continue;
-      }
+    unsigned next = 1;
+    for (std::uint64_t some = of.some; some != 0; some &= some - 1) {
+      const auto i = static_cast<unsigned>(std::countr_zero(some));
+      unsigned run = i - next;
       for (; run >= 16; run -= 16) put(ac_, ac_counts_, kSixteenZeros, 0, 0);
-      const unsigned size = size_of(levels[i]);
-      put(ac_, ac_counts_, run << 4 | size, levels[i], size);
-      run = 0;
+      const unsigned size = size_of(of.levels[i]);
+      put(ac_, ac_counts_, run << 4 | size, of.levels[i], size);
+      next = i + 1;
     }
-    if (run > 0) put(ac_, ac_counts_, kEndOfBlock, 0, 0);
+    if (next < 64) put(ac_, ac_counts_, kEndOfBlock, 0, 0);
   }
 
  private:
   void put(const Codes& codes, SymbolCounts* counts, unsigned symbol, int value, unsigned size) {
     if (counts) ++(*counts)[symbol];
     if (!writer_) return;
-    writer_->put(codes.code[symbol], codes.length[symbol]);
-    writer_->put(bits_of(value), size);
+    writer_->put(codes.code[symbol] << size | (bits_of(value) & ((1u << size) - 1)),
+                 codes.length[symbol] + size);
   }
 
   const Codes& dc_;
@@ -304,7 +312,7 @@ void encode_scan(const JpegTables& tables, const JpegCoefficients& picture, Byte
   // For each minimum coded unit, row by row: the blocks of each component that cover its pixels.
   const auto& components = picture.components();
   const auto& smallest = components[components.size() - 1];
-  Quantised levels;
+  Quantised quantised;
   for (std::uint32_t y = 0; y < smallest.down; ++y)
     for (std::uint32_t x = 0; x < smallest.across; ++x)
       for (std::size_t i = 0; i < components.size(); ++i) {
@@ -315,12 +323,12 @@ void encode_scan(const JpegTables& tables, const JpegCoefficients& picture, Byte
             const auto& block =
                 component.blocks[std::size_t{y * scale + v} * component.across + x * scale + u];
             if (block.coverage > 0) {
-              quantisers[i == 0 ? 0 : 1].quantise(block, levels);
+              quantisers[i == 0 ? 0 : 1].quantise(block, quantised);
             } else {  // nothing shows it: the mean of the block before takes the fewest bits
-              levels = {};
-              levels[0] = static_cast<std::int16_t>(coders[i].last_dc());
+              quantised.some = 0;
+              quantised.levels[0] = static_cast<std::int16_t>(coders[i].last_dc());
             }
-            coders[i].code(levels);
+            coders[i].code(quantised);
           }
       }
   writer.finish();

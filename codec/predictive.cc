@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstring>
 #include <limits>
+#include <tuple>
 
 #include "codec/color_difference.h"
 #include "codec/fill.h"
@@ -70,6 +71,16 @@ struct Around {
   static constexpr BlockState kNone{};
 };
 
+/// The set of models that codes a list in the fewest bits, and their number.
+std::pair<std::size_t, double> best_set(const SymbolList& symbols,
+                                        std::span<const std::shared_ptr<const ModelSet>> sets) {
+  std::pair<std::size_t, double> best{0, std::numeric_limits<double>::max()};
+  for (std::size_t set = 0; set < sets.size(); ++set)
+    if (const double bits = symbols.cost(sets[set]->models()); bits < best.second)
+      best = {set, bits};
+  return best;
+}
+
 /// The steps of a coded plane.
 const StepRange& steps_of(const PredictiveLevel& level, std::size_t plane) {
   constexpr std::array<PredictivePlane, kCodedPlanes> kKinds = {
@@ -92,19 +103,13 @@ TilePicture::TilePicture(const TileShape& tile) {
 
 PredictiveEncoder::PredictiveEncoder(const PredictiveLevel& level, const TilePicture& picture,
                                      Bytes& payload)
-    : level_(level),
-      picture_(picture),
-      payload_(payload),
-      begin_(payload.size()),
-      coder_(payload),
-      states_(picture.pixels() / 64) {}
+    : level_(level), picture_(picture), coder_(payload), states_(picture.pixels() / 64) {}
 
 void PredictiveEncoder::references(std::span<const std::uint8_t> kinds,
                                    std::span<const std::uint8_t> used) {
-  kinds_.assign(kinds.begin(), kinds.end());
   std::vector<std::uint8_t> coded(used.begin(), used.end());
   code_references(coder_, level_.level_models().used, kinds, coded);
-  if (symbols_) symbols_->kinds = kinds_, symbols_->used = coded;
+  if (symbols_) symbols_->kinds.assign(kinds.begin(), kinds.end()), symbols_->used = coded;
 }
 
 /// Quantises `difference`, the wanted correction of each pixel's prediction. Pixels of weight 0 may
@@ -113,21 +118,19 @@ BlockPlane PredictiveEncoder::quantise(std::size_t plane, std::span<const std::u
                                        std::span<const float> weight,
                                        std::vector<float>& difference, float round_up_from) const {
   fill(picture_.width(), picture_.height(), weight, difference);
-  const auto steps = steps_of(level_, plane).steps();
+  const std::array<std::int32_t, 64> steps = steps_of(level_, plane).steps();
   const std::size_t across = picture_.width() / 8;
   BlockPlane blocks(coded.size());
   for (std::size_t b = 0; b < blocks.size(); ++b) {
     if (!coded[b]) continue;
     const std::size_t x = b % across * 8, y = b / across * 8;
-    std::array<float, 64> values;
-    for (std::size_t k = 0; k < 64; ++k)
-      values[k] = difference[(y + k / 8) * picture_.width() + x + k % 8];
-    const std::array<float, 64> coefficients = forward_dct(values);
-    for (std::size_t k = 0; k < 64; ++k) {
+    const std::array<float, 64> coefficients =
+        forward_dct(&difference[y * picture_.width() + x], picture_.width());
+    for (std::size_t k = 0; k < 64; ++k) {  // without calls or branches: on vectors
       const float steps_away =
-          std::floor(std::abs(coefficients[k]) / static_cast<float>(steps[k]) + 1 - round_up_from);
-      const auto value = static_cast<std::int16_t>(std::min(steps_away, kMaxCoefficient));
-      blocks[b][k] = coefficients[k] < 0 ? static_cast<std::int16_t>(-value) : value;
+          std::abs(coefficients[k]) / static_cast<float>(steps[k]) + 1 - round_up_from;
+      const auto value = static_cast<std::int32_t>(std::min(steps_away, kMaxCoefficient));
+      blocks[b][k] = static_cast<std::int16_t>(coefficients[k] < 0 ? -value : value);
     }
   }
   return blocks;
@@ -149,20 +152,10 @@ SymbolList PredictiveEncoder::list_plane(std::span<const std::uint8_t> coded, Bl
   return differs ? symbols : SymbolList();
 }
 
-/// The set of models that codes a plane in the fewest bits, and their number.
-std::pair<std::size_t, double> PredictiveEncoder::best_set(const SymbolList& symbols) const {
-  if (symbols.entries().empty()) return {level_.models->block_sets, 0};
-  std::pair<std::size_t, double> best{0, std::numeric_limits<double>::max()};
-  for (std::size_t set = 0; set < level_.models->block_sets; ++set)
-    if (const double bits = symbols.cost(level_.models->block_models(set)); bits < best.second)
-      best = {set, bits};
-  return best;
-}
-
-void PredictiveEncoder::encode_plane(std::size_t plane, std::span<const std::uint8_t> coded,
-                                     BlockPlane blocks) {
-  const SymbolList symbols = list_plane(coded, blocks);
-  const std::size_t set = best_set(symbols).first;
+void PredictiveEncoder::encode_plane(std::size_t plane, const SymbolList& symbols) {
+  const std::size_t set = symbols.entries().empty()
+                              ? level_.models->block_sets
+                              : best_set(symbols, level_.models->blocks).first;
   coder_.symbol(level_.level_models().block_set[plane], static_cast<std::uint32_t>(set));
   if (!symbols.entries().empty()) coder_.list(symbols, level_.models->block_models(set));
   if (symbols_) symbols_->planes[plane] = symbols;
@@ -183,10 +176,7 @@ PredictiveEncoder::Alpha PredictiveEncoder::alpha_levels(
   find_expected(predicted, expected);
   code_alpha(made.symbols, {picture_.width(), picture_.height(), picture_.covered(), predicted,
                             expected, levels, off});
-  made.bits = std::numeric_limits<double>::max();
-  for (std::size_t set = 0; set < level_.models->alpha_sets; ++set)
-    if (const double bits = made.symbols.cost(level_.models->alpha_models(set)); bits < made.bits)
-      made.bits = bits, made.set = set;
+  std::tie(made.set, made.bits) = best_set(made.symbols, level_.models->alpha);
   return made;
 }
 
@@ -204,7 +194,7 @@ PredictiveEncoder::Alpha PredictiveEncoder::soft_alpha(const Prediction& predict
   Alpha made;
   made.symbols = list_plane(all, blocks);
   made.set = level_.models->alpha_sets;
-  made.bits = best_set(made.symbols).second;
+  made.bits = best_set(made.symbols, level_.models->blocks).second;
   std::vector<std::int16_t> pixels(picture_.pixels());
   const auto steps = steps_of(level_, kSoftAlpha).steps();
   for (std::size_t b = 0; b < blocks.size(); ++b)
@@ -214,8 +204,8 @@ PredictiveEncoder::Alpha PredictiveEncoder::soft_alpha(const Prediction& predict
   return made;
 }
 
-void PredictiveEncoder::encode(const Prediction& prediction, std::span<std::uint8_t> depth,
-                               std::span<std::uint32_t> rgba) {
+void PredictiveEncoder::encode(const Prediction& prediction, std::span<const std::uint8_t> depth,
+                               std::span<const std::uint32_t> rgba) {
   // Squared error plus bits, weighted.
   const auto cost = [&](const Alpha& alpha) {
     double error = 0;
@@ -235,11 +225,7 @@ void PredictiveEncoder::encode(const Prediction& prediction, std::span<std::uint
   }();
   coder_.symbol(level_.level_models().alpha_set[0], static_cast<std::uint32_t>(alpha.set));
   if (soft) {
-    const std::size_t set = best_set(alpha.symbols).first;
-    coder_.symbol(level_.level_models().block_set[kSoftAlpha], static_cast<std::uint32_t>(set));
-    if (!alpha.symbols.entries().empty())
-      coder_.list(alpha.symbols, level_.models->block_models(set));
-    if (symbols_) symbols_->planes[kSoftAlpha] = alpha.symbols;
+    encode_plane(kSoftAlpha, alpha.symbols);
   } else {
     states_.assign(states_.size(), {});
     coder_.list(alpha.symbols, level_.models->alpha_models(alpha.set));
@@ -252,11 +238,6 @@ void PredictiveEncoder::encode(const Prediction& prediction, std::span<std::uint
   encode_depth(prediction, alpha.decoded, soft, visible, rgba, depth);
   encode_color(prediction, alpha.decoded, visible, rgba);
   coder_.finish();
-
-  PredictiveDecoder decoder(level_, picture_, ByteSpan(payload_).subspan(begin_));
-  std::vector<std::uint8_t> used(kinds_.size());
-  decoder.references(kinds_, used);
-  (void)decoder.decode(prediction, depth, rgba);
 }
 
 void PredictiveEncoder::encode_depth(const Prediction& prediction,
@@ -271,9 +252,9 @@ void PredictiveEncoder::encode_depth(const Prediction& prediction,
     difference[pixel_of[s]] =
         static_cast<float>(depth[s]) - static_cast<float>(prediction.depth[s]);
   }
-  encode_plane(
-      kDepth, visible,
-      quantise(kDepth, visible, weight, difference, soft ? kRoundSoftDepthUpFrom : kRoundUpFrom));
+  BlockPlane blocks =
+      quantise(kDepth, visible, weight, difference, soft ? kRoundSoftDepthUpFrom : kRoundUpFrom);
+  encode_plane(kDepth, list_plane(visible, blocks));
 }
 
 void PredictiveEncoder::encode_color(const Prediction& prediction,
@@ -299,8 +280,10 @@ void PredictiveEncoder::encode_color(const Prediction& prediction,
     difference[1][pixel_of[s]] = (b - y) / 1.772f;
     difference[2][pixel_of[s]] = (r - y) / 1.402f;
   }
-  for (std::size_t c = 0; c < 3; ++c)
-    encode_plane(kY + c, visible, quantise(kY + c, visible, weight, difference[c], kRoundUpFrom));
+  for (std::size_t c = 0; c < 3; ++c) {
+    BlockPlane blocks = quantise(kY + c, visible, weight, difference[c], kRoundUpFrom);
+    encode_plane(kY + c, list_plane(visible, blocks));
+  }
 }
 
 /// The working memory of a thread.

@@ -68,10 +68,9 @@ class PredictiveEncoder {
   /// Codes which candidates are used. `kinds`, in [0, kReferenceKinds), selects a model: candidates
   /// of one kind are used about equally often.
   void references(std::span<const std::uint8_t> kinds, std::span<const std::uint8_t> used);
-  /// Codes all samples. `depth` and `rgba`, premultiplied, are replaced by what the decoder will
-  /// have.
-  void encode(const Prediction& prediction, std::span<std::uint8_t> depth,
-              std::span<std::uint32_t> rgba);
+  /// Codes all samples; `rgba` is premultiplied.
+  void encode(const Prediction& prediction, std::span<const std::uint8_t> depth,
+              std::span<const std::uint32_t> rgba);
 
  private:
   /// A way to code alpha.
@@ -88,8 +87,7 @@ class PredictiveEncoder {
                                     std::span<const float> weight, std::vector<float>& difference,
                                     float round_up_from) const;
   [[nodiscard]] SymbolList list_plane(std::span<const std::uint8_t> coded, BlockPlane& blocks);
-  [[nodiscard]] std::pair<std::size_t, double> best_set(const SymbolList& symbols) const;
-  void encode_plane(std::size_t plane, std::span<const std::uint8_t> coded, BlockPlane blocks);
+  void encode_plane(std::size_t plane, const SymbolList& symbols);
   void encode_depth(const Prediction& prediction, std::span<const std::uint8_t> alpha, bool soft,
                     std::span<const std::uint8_t> visible, std::span<const std::uint32_t> rgba,
                     std::span<const std::uint8_t> depth);
@@ -98,10 +96,7 @@ class PredictiveEncoder {
 
   const PredictiveLevel& level_;
   const TilePicture& picture_;
-  Bytes& payload_;
-  const std::size_t begin_;  // of the payload
   RansEncoder coder_;
-  std::vector<std::uint8_t> kinds_;
   std::vector<BlockState> states_;  // of the plane that was coded last; at first all 0
   TileSymbols* symbols_ = nullptr;
 };

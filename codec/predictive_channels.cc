@@ -375,32 +375,23 @@ void ChannelCoder<Coder>::code(const Prediction& prediction, ChannelValues& valu
 
 }  // namespace
 
-Result<void> encode_channels(const PredictiveLevel& level, const TileShape& tile, ByteSpan samples,
-                             Predictor& predictor, Bytes& payload) {
+void encode_channels(const PredictiveLevel& level, const TileShape& tile, ByteSpan samples,
+                     const Predicted& from, Bytes& payload) {
   ChannelCoder<RangeEncoder> encoder(level, tile, payload);
   ChannelValues values = channels_of(tile, samples);
-  std::vector<std::uint8_t> alpha, depth;
-  for (std::size_t s = 0; s < tile.samples(); ++s) {
-    alpha.push_back(encoder.alpha_byte(values[kAlphaChannel][s]));
-    depth.push_back(static_cast<std::uint8_t>(values[kDepthChannel][s]));
-  }
-  auto used = SLF_TRY(predictor.choose(alpha, depth));
-  encoder.references(predictor.kinds(), used);
-  const Prediction prediction = SLF_TRY(predictor.predict(used));
-  encoder.code(prediction, values);
+  std::vector<std::uint8_t> used(from.used.begin(), from.used.end());
+  encoder.references(from.kinds, used);
+  encoder.code(from.prediction, values);
   encoder.coder().finish();
-  return {};
 }
 
 Result<void> decode_channels(const PredictiveLevel& level, const TileShape& tile, ByteSpan payload,
-                             Predictor& predictor, std::span<std::byte> samples) {
+                             const Predicted& from, std::span<std::byte> samples) {
   ChannelCoder<RangeDecoder> decoder(level, tile, payload);
-  std::vector<std::uint8_t> used(predictor.kinds().size());
-  decoder.references(predictor.kinds(), used);
-  const Prediction prediction = SLF_TRY(predictor.predict(used));
+  SLF_TRY(pass_references(decoder, from));
   ChannelValues values;
   for (auto& channel : values) channel.resize(tile.samples());
-  decoder.code(prediction, values);
+  decoder.code(from.prediction, values);
   store(tile, values, samples);
   if (decoder.coder().finished()) return {};
   return fail(ErrorCode::bad_file, "the payload does not end where its content does");

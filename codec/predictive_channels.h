@@ -21,15 +21,14 @@ namespace slf::codec {
   return static_cast<std::uint16_t>(ordered >= 0 ? ordered : 0x7FFF - ordered);
 }
 
-/// Encodes the samples of a tile with depths and appends them to `payload`. Errors of the
-/// predictor.
-[[nodiscard]] Result<void> encode_channels(const PredictiveLevel& level, const TileShape& tile,
-                                           ByteSpan samples, Predictor& predictor, Bytes& payload);
+/// Encodes the samples of a tile with depths and appends them to `payload`.
+void encode_channels(const PredictiveLevel& level, const TileShape& tile, ByteSpan samples,
+                     const Predicted& from, Bytes& payload);
 
 /// Undoes encode_channels. bad_file: the payload, untrusted, is longer or shorter than what it
-/// codes. Errors of the predictor.
+/// codes, or predicted from other tiles.
 [[nodiscard]] Result<void> decode_channels(const PredictiveLevel& level, const TileShape& tile,
-                                           ByteSpan payload, Predictor& predictor,
+                                           ByteSpan payload, const Predicted& from,
                                            std::span<std::byte> samples);
 
 }  // namespace slf::codec

@@ -12,27 +12,13 @@
 namespace slf::codec {
 namespace {
 
-/// Predicts a tile of level 0: the same of every sample.
-class Nothing final : public Predictor {
- public:
-  explicit Nothing(std::size_t samples) : samples_(samples) {}
-
-  unsigned level() const override { return 0; }
-  std::span<const std::uint8_t> kinds() const override { return {}; }
-  Result<std::vector<std::uint8_t>> choose(std::span<const std::uint8_t>,
-                                           std::span<const std::uint8_t>) override {
-    return std::vector<std::uint8_t>();
-  }
-  Result<Prediction> predict(std::span<const std::uint8_t>) override {
-    thread_local std::vector<std::uint8_t> alpha, depth;
-    thread_local std::vector<std::uint32_t> color;
-    alpha.assign(samples_, 0), depth.assign(samples_, 128), color.assign(samples_, 0xFF808080u);
-    return Prediction{alpha, depth, color};
-  }
-
- private:
-  std::size_t samples_;
-};
+/// Of a tile of level 0: the same of every sample. Valid until the thread calls it again.
+Predicted unpredicted(std::size_t samples) {
+  thread_local std::vector<std::uint8_t> alpha, depth;
+  thread_local std::vector<std::uint32_t> color;
+  alpha.assign(samples, 0), depth.assign(samples, 128), color.assign(samples, 0xFF808080u);
+  return {0, {}, {}, {alpha, depth, color}};
+}
 
 }  // namespace
 
@@ -54,44 +40,44 @@ const TilePicture& PredictiveCodec::picture(const TileShape& tile) const {
   return *picture;
 }
 
-std::vector<std::uint8_t> PredictiveCodec::references(const Predictor& predictor,
+std::vector<std::uint8_t> PredictiveCodec::references(unsigned level,
+                                                      std::span<const std::uint8_t> kinds,
                                                       ByteSpan payload) const {
-  std::vector<std::uint8_t> used(predictor.kinds().size());
-  decode_references(tables_.level(predictor.level()), settings_.by_sample(), payload,
-                    predictor.kinds(), used);
+  std::vector<std::uint8_t> used(kinds.size());
+  decode_references(tables_.level(level), settings_.by_sample(), payload, kinds, used);
   return used;
 }
 
-Result<void> PredictiveCodec::encode(const TileShape& tile, ByteSpan samples, Predictor* predictor,
-                                     Bytes& payload) const {
+Result<void> PredictiveCodec::encode(const TileShape& tile, ByteSpan samples,
+                                     const Predicted* predicted, Bytes& payload) const {
   assert(tile.format == settings_.format && samples.size() == tile.bytes());
   payload.clear();
   if (tile.bytes() == 0) return {};
-  Nothing nothing(tile.samples());
-  Predictor& from = predictor ? *predictor : nothing;
-  SLF_TRY(settings_.by_sample()
-              ? encode_channels(tables_.level(from.level()), tile, samples, from, payload)
-              : encode_blocks(tile, samples, from, payload));
+  const Predicted from = predicted ? *predicted : unpredicted(tile.samples());
+  if (settings_.by_sample())
+    encode_channels(tables_.level(from.level), tile, samples, from, payload);
+  else
+    encode_blocks(tile, samples, from, payload);
   // A payload of no bytes would mean an empty tile.
   if (payload.empty()) payload.push_back(std::byte{0});
   return {};
 }
 
-Result<void> PredictiveCodec::decode(const TileShape& tile, ByteSpan payload, Predictor* predictor,
+Result<void> PredictiveCodec::decode(const TileShape& tile, ByteSpan payload,
+                                     const Predicted* predicted,
                                      std::span<std::byte> samples) const {
   assert(tile.format == settings_.format && samples.size() == tile.bytes());
   if (tile.bytes() == 0 && payload.empty()) return {};
   if (tile.bytes() == 0)
     return fail(ErrorCode::bad_file, "predictive: bytes for a tile without rows");
-  Nothing nothing(tile.samples());
-  Predictor& from = predictor ? *predictor : nothing;
+  const Predicted from = predicted ? *predicted : unpredicted(tile.samples());
   return settings_.by_sample()
-             ? decode_channels(tables_.level(from.level()), tile, payload, from, samples)
+             ? decode_channels(tables_.level(from.level), tile, payload, from, samples)
              : decode_blocks(tile, payload, from, samples);
 }
 
-Result<void> PredictiveCodec::encode_blocks(const TileShape& tile, ByteSpan samples,
-                                            Predictor& predictor, Bytes& payload) const {
+void PredictiveCodec::encode_blocks(const TileShape& tile, ByteSpan samples, const Predicted& from,
+                                    Bytes& payload) const {
   const std::size_t count = tile.samples();
   std::vector<std::uint32_t> rgba(count);
   std::vector<std::uint8_t> alpha(count), depth(count);
@@ -101,28 +87,22 @@ Result<void> PredictiveCodec::encode_blocks(const TileShape& tile, ByteSpan samp
     depth[s] = std::to_integer<std::uint8_t>(samples[4 * count + s]);
   }
   TileSymbols symbols;
-  PredictiveEncoder encoder(tables_.level(predictor.level()), picture(tile), payload);
+  PredictiveEncoder encoder(tables_.level(from.level), picture(tile), payload);
   if (observer_) encoder.collect(&symbols);
-  const auto used = SLF_TRY(predictor.choose(alpha, depth));
-  encoder.references(predictor.kinds(), used);
-  const Prediction prediction = SLF_TRY(predictor.predict(used));
-  encoder.encode(prediction, depth, rgba);
+  encoder.references(from.kinds, from.used);
+  encoder.encode(from.prediction, depth, rgba);
   if (observer_) observer_(symbols);
-  return {};
 }
 
 Result<void> PredictiveCodec::decode_blocks(const TileShape& tile, ByteSpan payload,
-                                            Predictor& predictor,
+                                            const Predicted& from,
                                             std::span<std::byte> samples) const {
-  PredictiveDecoder decoder(tables_.level(predictor.level()), picture(tile), payload);
-  std::vector<std::uint8_t> used(predictor.kinds().size());
-  decoder.references(predictor.kinds(), used);
-  // Other tiles may be decoded here, on this thread, so what it keeps is in use only afterwards.
-  const Prediction prediction = SLF_TRY(predictor.predict(used));
+  PredictiveDecoder decoder(tables_.level(from.level), picture(tile), payload);
+  SLF_TRY(pass_references(decoder, from));
   thread_local Scratch<std::uint32_t> rgba_scratch;  // `samples` may have any alignment
   const auto rgba = rgba_scratch.take(tile.samples());
   const auto depths = samples.subspan(tile.color_bytes());
-  SLF_TRY(decoder.decode(prediction,
+  SLF_TRY(decoder.decode(from.prediction,
                          {reinterpret_cast<std::uint8_t*>(depths.data()), depths.size()}, rgba));
   if constexpr (std::endian::native == std::endian::little)
     std::memcpy(samples.data(), rgba.data(), tile.color_bytes());

@@ -25,18 +25,20 @@ class PredictiveCodec final : public Codec {
   [[nodiscard]] bool lossless() const override { return settings_.quality == kLosslessQuality; }
   [[nodiscard]] bool predicts() const override { return true; }
   [[nodiscard]] ByteSpan tables() const override { return bytes_; }
-  [[nodiscard]] std::vector<std::uint8_t> references(const Predictor& predictor,
+  [[nodiscard]] std::vector<std::uint8_t> references(unsigned level,
+                                                     std::span<const std::uint8_t> kinds,
                                                      ByteSpan payload) const override;
-  [[nodiscard]] Result<void> encode(const TileShape& tile, ByteSpan samples, Predictor* predictor,
-                                    Bytes& payload) const override;
-  [[nodiscard]] Result<void> decode(const TileShape& tile, ByteSpan payload, Predictor* predictor,
+  [[nodiscard]] Result<void> encode(const TileShape& tile, ByteSpan samples,
+                                    const Predicted* predicted, Bytes& payload) const override;
+  [[nodiscard]] Result<void> decode(const TileShape& tile, ByteSpan payload,
+                                    const Predicted* predicted,
                                     std::span<std::byte> samples) const override;
 
  private:
-  [[nodiscard]] Result<void> encode_blocks(const TileShape& tile, ByteSpan samples,
-                                           Predictor& predictor, Bytes& payload) const;
+  void encode_blocks(const TileShape& tile, ByteSpan samples, const Predicted& from,
+                     Bytes& payload) const;
   [[nodiscard]] Result<void> decode_blocks(const TileShape& tile, ByteSpan payload,
-                                           Predictor& predictor,
+                                           const Predicted& from,
                                            std::span<std::byte> samples) const;
   /// Made on first use and kept.
   [[nodiscard]] const TilePicture& picture(const TileShape& tile) const;

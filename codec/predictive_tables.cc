@@ -36,36 +36,23 @@ std::size_t stored_weights(std::size_t alpha_sets, std::size_t block_sets) {
          block_sets * symbols_of(BlockModels::kGroups);
 }
 
-/// Takes stored models from the front of a span.
-class ModelReader {
- public:
-  explicit ModelReader(std::span<const std::uint8_t> from) : from_(from) {}
-
-  void models(std::size_t count, std::size_t symbols, std::vector<SymbolModel>& to) {
-    for (std::size_t k = 0; k < count; ++k) to.emplace_back(next(symbols));
-  }
-
- private:
-  std::span<const std::uint8_t> next(std::size_t count) {
-    const auto taken = from_.first(count);
-    from_ = from_.subspan(count);
-    return taken;
-  }
-  std::span<const std::uint8_t> from_;
-};
-
 void read_weights(std::span<const std::uint8_t> weights, PredictiveModels& models) {
-  ModelReader reader(weights);
+  const auto next = [&](std::size_t count) {
+    const auto taken = weights.first(count);
+    weights = weights.subspan(count);
+    return taken;
+  };
   for (LevelModels& level : models.levels) {
-    reader.models(1, models.alpha_sets + 1, level.alpha_set);
-    reader.models(kCodedPlanes, models.block_sets + 1, level.block_set);
+    level.alpha_set.emplace_back(next(models.alpha_sets + 1));
+    for (std::size_t plane = 0; plane < kCodedPlanes; ++plane)
+      level.block_set.emplace_back(next(models.block_sets + 1));
   }
-  for (std::size_t set = 0; set < models.alpha_sets; ++set)
-    for (const ModelGroup& group : AlphaModels::kGroups)
-      reader.models(group.models, group.symbols, models.alpha);
-  for (std::size_t set = 0; set < models.block_sets; ++set)
-    for (const ModelGroup& group : BlockModels::kGroups)
-      reader.models(group.models, group.symbols, models.blocks);
+  const auto read_sets = [&](std::size_t count, const auto& groups, auto& to) {
+    for (std::size_t set = 0; set < count; ++set)
+      to.push_back(std::make_shared<ModelSet>(groups, next(symbols_of(groups))));
+  };
+  read_sets(models.alpha_sets, AlphaModels::kGroups, models.alpha);
+  read_sets(models.block_sets, BlockModels::kGroups, models.blocks);
 }
 
 Result<PredictiveModels> unpack_models(ByteSpan packed) {
@@ -117,6 +104,16 @@ const TrainedModels& trained_models(bool by_sample) {
 }
 
 }  // namespace
+
+std::span<const SymbolModel> ModelSet::models() const {
+  std::call_once(once_, [&] {
+    std::span<const std::uint8_t> left = weights_;
+    for (const ModelGroup& group : groups_)
+      for (std::size_t k = 0; k < group.models; ++k, left = left.subspan(group.symbols))
+        models_.emplace_back(left.first(group.symbols));
+  });
+  return models_;
+}
 
 std::array<std::int32_t, 64> StepRange::steps() const {
   std::array<std::int32_t, 64> steps{};

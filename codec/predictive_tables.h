@@ -5,6 +5,7 @@
 #include <array>
 #include <cstdint>
 #include <memory>
+#include <mutex>
 #include <span>
 #include <vector>
 
@@ -48,18 +49,31 @@ struct LevelModels {
   std::vector<SymbolModel> block_set;
 };
 
+/// A set of models, made of stored weights at first use: many views do without some. Thread-safe.
+class ModelSet {
+ public:
+  ModelSet(std::span<const ModelGroup> groups, std::span<const std::uint8_t> weights)
+      : groups_(groups), weights_(weights.begin(), weights.end()) {}
+  [[nodiscard]] std::span<const SymbolModel> models() const;
+
+ private:
+  std::span<const ModelGroup> groups_;
+  std::vector<std::uint8_t> weights_;
+  mutable std::once_flag once_;
+  mutable std::vector<SymbolModel> models_;
+};
+
 /// The models of a codec. Levels of all kinds and planes share the sets.
 struct PredictiveModels {
   std::array<LevelModels, 2> levels;
   std::size_t alpha_sets = 0, block_sets = 0;  ///< 0 of both where tiles are coded by sample
-  std::vector<SymbolModel> alpha;              ///< AlphaModels::kCount for each set
-  std::vector<SymbolModel> blocks;             ///< BlockModels::kCount for each set
+  std::vector<std::shared_ptr<const ModelSet>> alpha, blocks;
 
   [[nodiscard]] std::span<const SymbolModel> alpha_models(std::size_t set) const {
-    return std::span(alpha).subspan(set * AlphaModels::kCount, AlphaModels::kCount);
+    return alpha[set]->models();
   }
   [[nodiscard]] std::span<const SymbolModel> block_models(std::size_t set) const {
-    return std::span(blocks).subspan(set * BlockModels::kCount, BlockModels::kCount);
+    return blocks[set]->models();
   }
 };
 

@@ -12,7 +12,7 @@ class RawCodec final : public Codec {
   bool lossless() const override { return true; }
   bool in_place() const override { return true; }
 
-  Result<void> encode(const TileShape& tile, ByteSpan samples, Predictor*,
+  Result<void> encode(const TileShape& tile, ByteSpan samples, const Predicted*,
                       Bytes& payload) const override {
     assert(samples.size() == tile.bytes());
     (void)tile;
@@ -20,7 +20,7 @@ class RawCodec final : public Codec {
     return {};
   }
 
-  Result<void> decode(const TileShape& tile, ByteSpan payload, Predictor*,
+  Result<void> decode(const TileShape& tile, ByteSpan payload, const Predicted*,
                       std::span<std::byte> samples) const override {
     assert(samples.size() == tile.bytes());
     if (payload.size() != tile.bytes())

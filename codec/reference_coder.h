@@ -4,8 +4,11 @@
 #include <algorithm>
 #include <cstdint>
 #include <span>
+#include <vector>
 
+#include "codec/prediction.h"
 #include "codec/predictive_tables.h"
+#include "slf/error.h"
 
 namespace slf::codec {
 
@@ -32,6 +35,16 @@ inline void decode_references(const PredictiveLevel& level, bool by_sample, Byte
     RansDecoder decoder(payload);
     code_references(decoder, models, kinds, used);
   }
+}
+
+/// Reads the references again, to get to what follows them: one bit for each candidate. bad_file:
+/// they are others.
+template <class Decoder>
+[[nodiscard]] Result<void> pass_references(Decoder& decoder, const Predicted& from) {
+  std::vector<std::uint8_t> used(from.kinds.size());
+  decoder.references(from.kinds, used);
+  if (std::equal(used.begin(), used.end(), from.used.begin(), from.used.end())) return {};
+  return fail(ErrorCode::bad_file, "the payload is predicted from other tiles");
 }
 
 }  // namespace slf::codec

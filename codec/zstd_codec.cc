@@ -23,9 +23,9 @@ class ZstdCodec final : public Codec {
   std::string spec() const override { return "zstd:" + std::to_string(level_); }
   bool lossless() const override { return true; }
 
-  Result<void> encode(const TileShape& tile, ByteSpan samples, Predictor*,
+  Result<void> encode(const TileShape& tile, ByteSpan samples, const Predicted*,
                       Bytes& payload) const override;
-  Result<void> decode(const TileShape& tile, ByteSpan payload, Predictor*,
+  Result<void> decode(const TileShape& tile, ByteSpan payload, const Predicted*,
                       std::span<std::byte> samples) const override;
 
  private:
@@ -128,7 +128,7 @@ Result<void> read_colors(const TileShape& tile, ByteSpan& payload, Workspace& wo
   return {};
 }
 
-Result<void> ZstdCodec::encode(const TileShape& tile, ByteSpan samples, Predictor*,
+Result<void> ZstdCodec::encode(const TileShape& tile, ByteSpan samples, const Predicted*,
                                Bytes& payload) const {
   assert(tile.format == format_ && samples.size() == tile.bytes());
   payload.clear();
@@ -140,7 +140,7 @@ Result<void> ZstdCodec::encode(const TileShape& tile, ByteSpan samples, Predicto
   return append_bytes(tile, samples.subspan(tile.color_bytes()), level_, payload);
 }
 
-Result<void> ZstdCodec::decode(const TileShape& tile, ByteSpan payload, Predictor*,
+Result<void> ZstdCodec::decode(const TileShape& tile, ByteSpan payload, const Predicted*,
                                std::span<std::byte> samples) const {
   assert(tile.format == format_ && samples.size() == tile.bytes());
   if (tile.bytes() == 0 && payload.empty()) return {};

@@ -23,17 +23,15 @@ slf::Result<void> draw_progressively(const slf::Field& field, const char* path) 
   const slf::Camera camera = slf::orbit_camera(field.shape().sphere, 30, 20, 3, 256, 256);
   slf::ViewOptions view;
   view.mode = slf::default_mode(field);
-  view.level = slf::kMatchingLevel;
+  const unsigned finest = slf::matching_level(field.shape(), camera, view.mode);
 
   slf::Image image;  // its memory is used again for each picture
-  auto drawn = renderer.render_progressively(
-      camera, view, image, [](const slf::Image& picture, unsigned level) {
-        std::printf("level %u: %u x %u pixels\n", level, picture.width, picture.height);
-        return true;  // go on
-      });
-  if (!drawn) return drawn;
   slf::ViewStatistics statistics;
-  if (drawn = renderer.render(camera, view, image, &statistics); !drawn) return drawn;
+  for (view.level = 0; view.level <= finest; ++view.level) {
+    auto drawn = renderer.render(camera, view, image, &statistics);
+    if (!drawn) return drawn;
+    std::printf("level %u: %u x %u pixels\n", view.level, image.width, image.height);
+  }
   std::printf("the view touches %zu tiles\n", statistics.tiles.size());
   return slf::write_image(path, image);
 }

@@ -43,58 +43,50 @@ void FieldFile::read_reference_index() {
   }
 }
 
-Result<std::vector<TileKey>> FieldFile::with_references(std::span<const TileKey> keys) const {
-  std::vector<TileKey> all(keys.begin(), keys.end());
-  std::vector<TileKey> dependants;
-  if (predicts()) dependants = all;
-  while (!dependants.empty()) {
-    std::vector<TileKey> found;
-    for (const auto& tile : store_.find_all(dependants)) {
-      if (!tile) return tl::unexpected(tile.error());
-      if (tile->state != storage::TileState::stored) continue;
-      for (const TileKey key : references(*tile))
-        if (shape().has(key)) found.push_back(key);
-    }
-    sort_unique(found);
-    all.insert(all.end(), found.begin(), found.end());
-    dependants = std::move(found);
-  }
-  sort_unique(all);
-  return all;
+Result<std::vector<Reference>> FieldFile::references(const storage::TileRef& tile) const {
+  if (!predicts() || tile.state != storage::TileState::stored) return std::vector<Reference>();
+  SLF_TRY(store_.fetch(tile));
+  auto named = coder_->references(tile.key, tile.payload);
+  for (const Reference& reference : named)
+    if (!shape().has(reference.tile))
+      return fail(ErrorCode::bad_file, path(), ": tile ", int{reference.tile.level}, "/",
+                  reference.tile.index, ", from which others are predicted, is not in the field");
+  return named;
 }
 
-void FieldFile::advise_together(std::span<const storage::TileRef> tiles) const {
-  std::vector<storage::TileRef> all(tiles.begin(), tiles.end());
+FoundTiles FieldFile::find(std::span<const TileKey> keys, const Skip& skip, bool advise) const {
+  FoundTiles found;
+  std::vector<TileKey> level(keys.begin(), keys.end());
+  for (bool first = true; !level.empty(); first = false) {
+    sort_unique(level);
+    std::erase_if(level, [&](TileKey key) { return found.contains(key) || (skip && skip(key)); });
+    std::vector<storage::TileRef> refs;
+    for (const auto& tile : store_.find_all(level))
+      if (tile) refs.push_back(*tile);
+    if (advise && first && !reference_index_.empty())
+      advise_together(refs);
+    else if (advise)
+      store_.advise(refs);
+    level.clear();
+    for (const storage::TileRef& ref : refs) {
+      auto named = references(ref);
+      if (!named) continue;
+      for (const Reference& reference : *named) level.push_back(reference.tile);
+      found.emplace(ref.key, FoundTile{ref, std::move(*named)});
+    }
+  }
+  return found;
+}
+
+void FieldFile::advise_together(std::vector<storage::TileRef> tiles) const {
   std::vector<TileKey> keys;
   for (const storage::TileRef& tile : tiles)
     if (tile.state == storage::TileState::stored) keys.push_back(tile.key);
   append_ancestors(reference_index_, keys);
   std::erase_if(keys, [&](TileKey key) { return !shape().has(key); });
   for (const auto& tile : store_.find_all(keys))
-    if (tile && tile->state == storage::TileState::stored) all.push_back(*tile);
-  store_.advise(all);
-}
-
-void FieldFile::advise(std::span<const storage::TileRef> tiles, const IsLoaded& loaded) const {
-  if (!predicts()) return store_.advise(tiles);
-  if (reference_index_.empty())
-    store_.advise(tiles);
-  else
-    advise_together(tiles);
-  std::vector<storage::TileRef> dependants;
-  for (const storage::TileRef& tile : tiles)
-    if (tile.state == storage::TileState::stored) dependants.push_back(tile);
-  while (!dependants.empty()) {
-    std::vector<TileKey> keys;
-    for (const storage::TileRef& tile : dependants)
-      for (const TileKey key : references(tile))
-        if (shape().has(key) && !(loaded && loaded(key))) keys.push_back(key);
-    sort_unique(keys);
-    dependants.clear();
-    for (const auto& tile : store_.find_all(keys))
-      if (tile && tile->state == storage::TileState::stored) dependants.push_back(*tile);
-    store_.advise(dependants);
-  }
+    if (tile) tiles.push_back(*tile);
+  store_.advise(tiles);
 }
 
 const LevelGeometry& FieldFile::geometry(unsigned level) const {
@@ -104,19 +96,11 @@ const LevelGeometry& FieldFile::geometry(unsigned level) const {
   return *geometry_[level];
 }
 
-Result<void> FieldFile::decode(const storage::TileRef& tile, const ReferenceSource& references,
+Result<void> FieldFile::decode(const storage::TileRef& tile, std::span<const ReferenceSamples> from,
                                std::span<std::byte> samples) const {
   if (codec_->in_place() && tile.payload.size() == samples.size())
     return store_.copy(tile, samples);
-  SLF_TRY(store_.check(tile));
-  std::optional<Error> of_reference;
-  const auto source = [&](TileKey key) {
-    auto found = references(key);
-    if (!found) of_reference = found.error();
-    return found;
-  };
-  auto decoded = coder_->decode(tile.key, tile.payload, source, samples);
-  if (of_reference) return tl::unexpected(*of_reference);
+  const auto decoded = coder_->decode(tile.key, tile.payload, from, samples);
   SLF_TRY(unchanged());  // not the codec's fault
   if (!decoded)
     return fail(decoded.error().code, path(), ": tile ", int{tile.key.level}, "/", tile.key.index,
@@ -189,6 +173,13 @@ SampleFormat Field::format() const { return file_->format(); }
 const std::string& Field::codec() const { return file_->manifest().codec; }
 std::optional<TileRange> Field::part() const { return file_->manifest().part; }
 std::string Field::provenance() const { return file_->manifest().provenance->dump(); }
+bool Field::linear() const {
+  const nlohmann::json none;
+  const nlohmann::json light = file_->manifest().provenance->value("lighting", none);
+  if (!light.is_object() || light.value("linear", none) != true) return false;
+  const nlohmann::json mode = light.value("mode", none);
+  return mode == "shadowed" || mode == "global";
+}
 Result<std::vector<std::byte>> Field::light() const {
   return guarded([&]() -> Result<std::vector<std::byte>> {
     const auto light = SLF_TRY(file_->light());

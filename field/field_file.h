@@ -7,6 +7,7 @@
 #include <mutex>
 #include <optional>
 #include <string>
+#include <unordered_map>
 #include <vector>
 
 #include "codec/codec.h"
@@ -26,6 +27,14 @@ namespace slf {
 inline constexpr const char* kManifestBlob = "field";
 inline constexpr const char* kTablesBlob = "tables";
 inline constexpr const char* kLightBlob = "light";
+
+/// A tile that was found in the file.
+struct FoundTile {
+  storage::TileRef ref;
+  std::vector<Reference> references;  ///< that it is predicted from
+};
+/// Without those that could not be found or read: a second attempt tells why.
+using FoundTiles = std::unordered_map<TileKey, FoundTile, TileKeyHash>;
 
 /// The open container of a field. A Field is a handle to one. The file is untrusted.
 /// Thread-safety: all const members may be called from many threads.
@@ -58,26 +67,25 @@ class FieldFile {
   /// The shape of a tile. REQUIRES: a key of this field.
   [[nodiscard]] TileShape tile_shape(TileKey key) const { return coder_->tile_shape(key); }
 
-  /// Checks and decodes a stored tile into exactly tile_shape().bytes() bytes. Code that needs
-  /// samples reads them through TileCache, which calls this with references that it keeps.
-  /// bad_file: the tile is damaged. Errors of `references` are returned as they are.
-  [[nodiscard]] Result<void> decode(const storage::TileRef& tile, const ReferenceSource& references,
+  /// Decodes a stored tile, whose payload TileStore::check() has accepted, into exactly
+  /// tile_shape().bytes() bytes. `from`: the samples of its references(). Code that needs samples
+  /// reads them through TileCache, which calls this. bad_file: the tile is damaged.
+  [[nodiscard]] Result<void> decode(const storage::TileRef& tile,
+                                    std::span<const ReferenceSamples> from,
                                     std::span<std::byte> samples) const;
 
   /// Whether tiles are predicted from coarser ones.
   [[nodiscard]] bool predicts() const { return coder_->predicts(); }
-  /// The tiles that a stored one is predicted from.
-  [[nodiscard]] std::vector<TileKey> references(const storage::TileRef& tile) const {
-    return coder_->references(tile.key, tile.payload);
-  }
-  /// `keys` and all tiles that they are predicted from, directly or through others, ascending.
-  [[nodiscard]] Result<std::vector<TileKey>> with_references(std::span<const TileKey> keys) const;
-  /// Asks the kernel to read the payloads of stored tiles, then, level by level, of those that they
-  /// are predicted from, except those that `loaded`. For a cold file, that takes as many trips to
-  /// the disk as there are levels. For a remote file with an index, all of them are fetched
-  /// together.
-  using IsLoaded = std::function<bool(TileKey)>;
-  void advise(std::span<const storage::TileRef> tiles, const IsLoaded& loaded = {}) const;
+  /// The tiles that a tile is predicted from, as its payload names them. bad_file: the field has no
+  /// such tile.
+  [[nodiscard]] Result<std::vector<Reference>> references(const storage::TileRef& tile) const;
+  /// Finds tiles and, level by level, all that they are predicted from, except those that `skip`.
+  /// If `advise`, asks the kernel to read each level's payloads before it reads the references in
+  /// them. For a cold file, that takes as many trips to the disk as there are levels. For a remote
+  /// file with an index, all are fetched together.
+  using Skip = std::function<bool(TileKey)>;
+  [[nodiscard]] FoundTiles find(std::span<const TileKey> keys, const Skip& skip = {},
+                                bool advise = true) const;
 
   /// As TileStore::unchanged(); samples used in place may have been zeros.
   [[nodiscard]] Result<void> unchanged() const { return store_.unchanged(); }
@@ -95,9 +103,8 @@ class FieldFile {
       : store_(std::move(store)), manifest_(std::move(manifest)) {}
 
   void read_reference_index();
-  /// advise() with the reference index of a remote file: the tiles and all that they are predicted
-  /// from, together.
-  void advise_together(std::span<const storage::TileRef> tiles) const;
+  /// Advises tiles and all that they are predicted from, by the index of a remote file.
+  void advise_together(std::vector<storage::TileRef> tiles) const;
   /// Whether all tiles of the part are there.
   [[nodiscard]] Result<bool> part_is_complete() const;
 

@@ -1,8 +1,6 @@
 #include "field/tile_coder.h"
 
-#include <optional>
-
-#include "base/try.h"
+#include "base/half.h"
 #include "codec/log_colors.h"
 #include "codec/prediction.h"
 #include "field/predict/predictor.h"
@@ -16,105 +14,90 @@ constexpr std::uint32_t kMinUses = 6;
 
 }  // namespace
 
-/// Predicts a tile of a level above 0.
-class TileCoder::Predictor final : public codec::Predictor {
- public:
-  Predictor(const TileCoder& tiles, TileKey key, const ReferenceSource& source)
-      : tiles_(tiles),
-        level_(key.level),
-        sections_(sections_of(key, tiles.shape_.entry_extra_levels)),
-        source_(source),
-        references_(find_references(coarser(), finer(), sections_.entry.index)) {
-    for (const TileSections& candidate : candidates_of(coarser(), references_)) {
-      keys_.push_back(tile_key(candidate));
-      const bool far_entry = candidate.entry != sections_.entry.parent();
-      const bool far_exit = candidate.exit.octant() != sections_.exit.octant();
-      kinds_.push_back(static_cast<std::uint8_t>((far_entry ? 2 : 0) + (far_exit ? 1 : 0)));
+struct TileCoder::Relation {
+  Relation(const TileCoder& coder, TileKey key)
+      : coarser(coder.geometries_(key.level - 1u)),
+        finer(coder.geometries_(key.level)),
+        sections(sections_of(key, coder.shape_.entry_extra_levels)),
+        rows(find_references(coarser, finer, sections.entry.index)),
+        candidates(coarser, rows, sections) {}
+
+  /// Predicts the tile, and calls `code` with that. Colours of half floats are converted.
+  template <class Code>
+  Result<void> predict(std::span<const ReferenceSamples> from, bool half, const Code& code) const {
+    std::vector<ReferenceTile> tiles(candidates.size());
+    std::vector<std::uint8_t> used(candidates.size());
+    std::vector<Bytes> converted;
+    converted.reserve(from.size());
+    for (const ReferenceSamples& one : from) {
+      const auto k = candidates.find(one.reference);
+      if (!k) continue;
+      used[*k] = 1;
+      if (one.samples.empty()) continue;
+      const ByteSpan bytes =
+          half ? converted.emplace_back(codec::to_rgba8_depth8(one.samples)) : one.samples;
+      tiles[*k] = {bytes.data(), bytes.data() + bytes.size() / 5 * 4};
     }
-    from_.resize(keys_.size());
-  }
-
-  unsigned level() const override { return level_; }
-  std::span<const std::uint8_t> kinds() const override { return kinds_; }
-  /// The candidates' keys.
-  const std::vector<TileKey>& keys() const { return keys_; }
-
-  Result<std::vector<std::uint8_t>> choose(std::span<const std::uint8_t> alpha,
-                                           std::span<const std::uint8_t> depth) override {
-    std::vector<std::uint8_t> used(keys_.size());
-    const auto uses = predictor().uses(alpha, depth);
-    for (std::size_t k = 0; k < uses.size(); ++k) {
-      if (uses[k] < kMinUses || !tiles_.shape_.has(keys_[k])) continue;
-      const auto loaded = load(k);
-      if (!loaded && loaded.error().code != ErrorCode::tile_missing)
-        return tl::unexpected(loaded.error());
-      used[k] = from_[k].color ? 1 : 0;
-    }
-    return used;
-  }
-
-  Result<codec::Prediction> predict(std::span<const std::uint8_t> used) override {
-    for (std::size_t k = 0; k < used.size(); ++k)
-      if (used[k] && !from_[k].color) SLF_TRY(load(k));
-    // Only now: loading may decode other tiles on this thread.
     thread_local PredictedSamples predicted;
-    predictor().predict(from_, predicted);
-    return predicted.view();
+    TilePredictor(coarser, finer, sections, rows).predict(tiles, predicted);
+    const codec::Predicted told{finer.level(), candidates.kinds(), used, predicted.view()};
+    return code(&told);
   }
 
- private:
-  const LevelGeometry& coarser() const { return tiles_.geometries_(level_ - 1); }
-  const LevelGeometry& finer() const { return tiles_.geometries_(level_); }
-
-  const TilePredictor& predictor() {
-    if (!predictor_) predictor_.emplace(coarser(), finer(), sections_, std::move(references_));
-    return *predictor_;
-  }
-
-  /// Loads candidate `k`. If its tile is empty, it predicts nothing.
-  Result<void> load(std::size_t k) {
-    ByteSpan samples = SLF_TRY(source_(keys_[k]));
-    if (samples.empty()) return {};
-    if (is_half(tiles_.format_)) samples = converted_.emplace_back(codec::to_rgba8_depth8(samples));
-    from_[k] = {samples.data(), samples.data() + samples.size() / 5 * 4};
-    return {};
-  }
-
-  const TileCoder& tiles_;
-  const unsigned level_;
-  const TileSections sections_;
-  const ReferenceSource& source_;
-  References references_;  // until predictor_ has them
-  std::vector<TileKey> keys_;
-  std::vector<std::uint8_t> kinds_;
-  std::optional<TilePredictor> predictor_;
-  std::vector<ReferenceTile> from_;
-  std::vector<Bytes> converted_;  // from half floats; what from_ views
+  const LevelGeometry& coarser;
+  const LevelGeometry& finer;
+  const TileSections sections;
+  const References rows;
+  const Candidates candidates;
 };
 
-std::vector<TileKey> TileCoder::references(TileKey key, ByteSpan payload) const {
-  std::vector<TileKey> keys;
-  if (!predicts() || key.level == 0) return keys;
-  const ReferenceSource none;
-  const Predictor predictor(*this, key, none);
-  const auto used = codec_.references(predictor, payload);
+std::vector<Reference> TileCoder::references(TileKey key, ByteSpan payload) const {
+  std::vector<Reference> named;
+  if (!predicts(key)) return named;
+  const Relation to(*this, key);
+  const auto used = codec_.references(key.level, to.candidates.kinds(), payload);
   for (std::size_t k = 0; k < used.size(); ++k)
-    if (used[k]) keys.push_back(predictor.keys()[k]);
-  return keys;
+    if (used[k]) named.push_back(to.candidates[k]);
+  return named;
 }
 
-Result<void> TileCoder::decode(TileKey key, ByteSpan payload, const ReferenceSource& source,
+Result<void> TileCoder::decode(TileKey key, ByteSpan payload,
+                               std::span<const ReferenceSamples> from,
                                std::span<std::byte> samples) const {
-  std::optional<Predictor> predictor;
-  if (predicts() && key.level > 0) predictor.emplace(*this, key, source);
-  return codec_.decode(tile_shape(key), payload, predictor ? &*predictor : nullptr, samples);
+  const auto code = [&](const codec::Predicted* predicted) {
+    return codec_.decode(tile_shape(key), payload, predicted, samples);
+  };
+  return predicts(key) ? Relation(*this, key).predict(from, is_half(format_), code) : code(nullptr);
 }
 
-Result<void> TileCoder::encode(TileKey key, ByteSpan samples, const ReferenceSource& source,
-                               Bytes& payload) const {
-  std::optional<Predictor> predictor;
-  if (predicts() && key.level > 0) predictor.emplace(*this, key, source);
-  return codec_.encode(tile_shape(key), samples, predictor ? &*predictor : nullptr, payload);
+std::vector<Reference> TileCoder::choose(TileKey key, ByteSpan samples) const {
+  std::vector<Reference> chosen;
+  if (!predicts(key) || samples.empty()) return chosen;
+  const Relation to(*this, key);
+  const std::size_t count = samples.size() / sample_bytes(format_), step = color_bytes(format_);
+  std::vector<std::uint8_t> alpha(count), depth(count);
+  for (std::size_t s = 0; s < count; ++s) {
+    const std::byte* const color = &samples[s * step];
+    alpha[s] = is_half(format_) ? byte_from_half(load_le<std::uint16_t>(color + 6))
+                                : std::to_integer<std::uint8_t>(color[3]);
+    depth[s] = std::to_integer<std::uint8_t>(samples[count * step + s]);
+  }
+  const auto uses = TilePredictor(to.coarser, to.finer, to.sections, to.rows).uses(alpha, depth);
+  for (std::size_t k = 0; k < uses.size(); ++k)
+    if (uses[k] >= kMinUses && shape_.has(to.candidates[k].tile))
+      chosen.push_back(to.candidates[k]);
+  return chosen;
+}
+
+Result<void> TileCoder::encode(TileKey key, ByteSpan samples,
+                               std::span<const ReferenceSamples> from, Bytes& payload) const {
+  const auto code = [&](const codec::Predicted* predicted) {
+    return codec_.encode(tile_shape(key), samples, predicted, payload);
+  };
+  if (!predicts(key)) return code(nullptr);
+  std::vector<ReferenceSamples> visible(from.begin(), from.end());
+  std::erase_if(visible, [](const ReferenceSamples& one) { return one.samples.empty(); });
+  return Relation(*this, key).predict(visible, is_half(format_), code);
 }
 
 }  // namespace slf

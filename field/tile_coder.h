@@ -1,6 +1,10 @@
 // TileCoder: codes the tiles of a field with its codec. If that predicts, it makes the predictions
 // of tiles of level l > 0 from their references, decoded tiles of level l - 1 that their payloads
-// name (FORMAT.md, "The predictive codec").
+// name (FORMAT.md, "The predictive codec"). The caller finds and decodes these:
+//
+//   for (const Reference& reference : coder.references(key, payload))
+//     from.push_back({reference, ...});  // its samples
+//   coder.decode(key, payload, from, samples);
 //
 // Thread-safety: immutable.
 #pragma once
@@ -12,14 +16,17 @@
 
 #include "codec/codec.h"
 #include "field/geometry/level_geometry.h"
+#include "field/predict/references.h"
 #include "slf/error.h"
 #include "slf/shape.h"
 
 namespace slf {
 
-/// Returns the decoded samples of a reference, which stay valid until the tile is coded; no bytes
-/// if the reference is empty. Called on the thread that codes.
-using ReferenceSource = std::function<Result<ByteSpan>(TileKey)>;
+/// The decoded samples of a reference; no bytes if it is empty.
+struct ReferenceSamples {
+  Reference reference;
+  ByteSpan samples;
+};
 
 class TileCoder {
  public:
@@ -38,22 +45,25 @@ class TileCoder {
   /// Whether tiles are predicted from coarser ones.
   [[nodiscard]] bool predicts() const { return codec_.predicts(); }
 
-  /// The tiles that an untrusted payload refers to, in the order in which decode() requests them.
-  /// The field may not have such a tile.
-  [[nodiscard]] std::vector<TileKey> references(TileKey key, ByteSpan payload) const;
-
-  /// Decodes an untrusted payload into `samples`, which has exactly the tile's size. bad_file: the
-  /// payload is damaged. Errors of the source.
-  [[nodiscard]] Result<void> decode(TileKey key, ByteSpan payload, const ReferenceSource& source,
+  /// The tiles that an untrusted payload names. The field may not have such a tile.
+  [[nodiscard]] std::vector<Reference> references(TileKey key, ByteSpan payload) const;
+  /// Decodes an untrusted payload into `samples`, which has exactly the tile's size. `from`: all
+  /// that the payload names. bad_file: the payload is damaged, or names others.
+  [[nodiscard]] Result<void> decode(TileKey key, ByteSpan payload,
+                                    std::span<const ReferenceSamples> from,
                                     std::span<std::byte> samples) const;
 
-  /// Encodes samples and replaces `payload`. Refers to the tiles that predict enough of the samples
-  /// and that `source` has; an error `tile_missing` of the source means that it lacks a tile.
-  [[nodiscard]] Result<void> encode(TileKey key, ByteSpan samples, const ReferenceSource& source,
-                                    Bytes& payload) const;
+  /// The tiles of the field's shape that predict enough of these samples to be worth reading.
+  [[nodiscard]] std::vector<Reference> choose(TileKey key, ByteSpan samples) const;
+  /// Encodes samples and replaces `payload`, which will name the tiles in `from` that are not
+  /// empty. REQUIRES: choose() names these.
+  [[nodiscard]] Result<void> encode(TileKey key, ByteSpan samples,
+                                    std::span<const ReferenceSamples> from, Bytes& payload) const;
 
  private:
-  class Predictor;  // what the codec asks: finds the references of a tile, loads them, predicts
+  struct Relation;  // of a tile to those that it may be predicted from
+
+  [[nodiscard]] bool predicts(TileKey key) const { return predicts() && key.level > 0; }
 
   const FieldShape shape_;
   const SampleFormat format_;

@@ -7,6 +7,7 @@
 #include <map>
 #include <span>
 
+#include "base/file.h"
 #include "base/try.h"
 #include "storage/internal/file_index.h"
 #include "storage/internal/record.h"
@@ -130,19 +131,11 @@ class IndexBuilder {
 };
 
 Result<void> write_end(int file, const std::string& path, std::uint64_t begin, ByteSpan bytes) {
-  const auto failed = [&] {
-    return fail(ErrorCode::io, path, ": cannot write the index: ", std::strerror(errno));
-  };
-  if (ftruncate(file, static_cast<off_t>(begin)) != 0) return failed();
-  while (!bytes.empty()) {
-    const ssize_t put = pwrite(file, bytes.data(), bytes.size(), static_cast<off_t>(begin));
-    if (put < 0 && errno == EINTR) continue;
-    if (put <= 0) return failed();
-    bytes = bytes.subspan(static_cast<std::size_t>(put));
-    begin += static_cast<std::uint64_t>(put);
-  }
-  if (fsync(file) != 0) return failed();
-  return {};
+  int cause = ftruncate(file, static_cast<off_t>(begin)) == 0 ? 0 : errno;
+  if (cause == 0) cause = write_all(file, bytes, begin);
+  if (cause == 0 && fsync(file) != 0) cause = errno;
+  if (cause == 0) return {};
+  return fail(ErrorCode::io, path, ": cannot write the index: ", std::strerror(cause));
 }
 
 }  // namespace

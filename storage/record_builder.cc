@@ -36,18 +36,6 @@ void CompleteRecord::write(std::span<std::byte> to) const {
 
 void RecordBuilder::append(NewTile tile, std::vector<CompleteRecord>& out) {
   assert(!last() || *last() < tile.key);
-  add({std::move(tile), 0}, out);
-}
-
-void RecordBuilder::copy_viewed_payloads() {
-  for (PendingTile& tile : pending_) tile.payload.copy_if_view();
-}
-
-void RecordBuilder::finish(std::vector<CompleteRecord>& out) {
-  if (!pending_.empty()) end_record(pending_.size(), out);
-}
-
-void RecordBuilder::add(PendingTile tile, std::vector<CompleteRecord>& out) {
   while (!pending_.empty()) {
     const TileKey first = pending_.front().key;
     if (tile.key.level != first.level || tile.key.index - first.index >= kMaxTiles) {
@@ -69,6 +57,14 @@ void RecordBuilder::add(PendingTile tile, std::vector<CompleteRecord>& out) {
   const std::size_t bytes = pending_.back().record_bytes;
   if (bytes >= kSmallRecord && (bytes > kLargeRecord || unused(bytes) <= bytes / 256))
     end_record(pending_.size(), out);
+}
+
+void RecordBuilder::copy_viewed_payloads() {
+  for (NewTile& tile : pending_) tile.payload.copy_if_view();
+}
+
+void RecordBuilder::finish(std::vector<CompleteRecord>& out) {
+  if (!pending_.empty()) end_record(pending_.size(), out);
 }
 
 // How many tiles to cut so that the record wastes the smallest share of its pages.
@@ -93,7 +89,7 @@ void RecordBuilder::end_record(std::size_t tiles, std::vector<CompleteRecord>& o
   CompleteRecord record{last, {}, {}, 0};
   std::size_t payload_bytes = 0;
   for (std::size_t i = 0; i < tiles; ++i) {
-    PendingTile& pending = pending_[i];
+    NewTile& pending = pending_[i];
     Tile& tile = table[pending.key.index - first.index];
     tile.state = pending.state;
     tile.payload = pending.payload.bytes();
@@ -109,12 +105,12 @@ void RecordBuilder::end_record(std::size_t tiles, std::vector<CompleteRecord>& o
   previous_ = last;
 
   // The remaining tiles begin the next record, as if they were appended now.
-  std::vector<PendingTile> rest(
+  std::vector<NewTile> rest(
       std::make_move_iterator(pending_.begin() + static_cast<std::ptrdiff_t>(tiles)),
       std::make_move_iterator(pending_.end()));
   pending_.clear();
   code_bytes_ = stored_ = payload_bytes_ = 0;
-  for (PendingTile& tile : rest) add(std::move(tile), out);
+  for (NewTile& tile : rest) append(std::move(tile), out);
 }
 
 }  // namespace slf::storage::internal

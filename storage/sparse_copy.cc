@@ -40,17 +40,11 @@ SparseCopy::~SparseCopy() {
 }
 
 Result<void> SparseCopy::write(std::uint64_t offset, ByteSpan bytes) const {
-  while (!bytes.empty()) {
-    const ssize_t put = pwrite(file_, bytes.data(), bytes.size(), static_cast<off_t>(offset));
-    if (put < 0 && errno == EINTR) continue;
-    if (put <= 0)
-      return fail(ErrorCode::io, source_->name(),
-                  ": cannot store fetched bytes: ", std::strerror(errno),
-                  "; set TMPDIR to another folder");
-    bytes = bytes.subspan(static_cast<std::size_t>(put));
-    offset += static_cast<std::uint64_t>(put);
-  }
-  return {};
+  const int cause = write_all(file_, bytes, offset);
+  if (cause == 0) return {};
+  return fail(ErrorCode::io, source_->name(),
+              ": cannot store fetched bytes: ", std::strerror(cause),
+              "; set TMPDIR to another folder");
 }
 
 Result<void> SparseCopy::put(std::uint64_t offset, ByteSpan bytes) const {

@@ -30,11 +30,7 @@ using slf::TileKey;
 
 class RangeSource;
 
-enum class TileState : std::uint8_t {
-  missing,  ///< never built, or dropped because it was damaged
-  empty,    ///< built; nothing is visible along any of its rays
-  stored,   ///< has a payload
-};
+using slf::TileState;
 
 /// A tile's state and payload. `payload` views the map and is valid as long as the TileStore lives.
 /// Its bytes are untrusted until check() has succeeded.

@@ -245,11 +245,11 @@ std::uint64_t TileWriter::pending_bytes() const {
 
 Result<void> TileWriter::append(TileKey key, Bytes payload) {
   const TileState state = payload.empty() ? TileState::empty : TileState::stored;
-  return state_->append({key, state, Payload(std::move(payload)), std::nullopt});
+  return state_->append({key, state, Payload(std::move(payload))});
 }
 
 Result<void> TileWriter::append_missing(TileKey key) {
-  return state_->append({key, TileState::missing, {}, std::nullopt});
+  return state_->append({key, TileState::missing});
 }
 
 Result<void> TileWriter::append_view(const TileRef& tile) {

@@ -90,7 +90,7 @@ void recode_alone(const Field& field, const codec::Codec& codec, unsigned thread
     for (std::uint64_t i; (i = next.fetch_add(1)) < tiles.size();) {
       const TileShape shape = field.file().tile_shape(tiles[i].key);
       samples.resize(shape.bytes());
-      expect(cache.read(tiles[i], samples));
+      expect(cache.read(tiles[i].key, samples));
       expect(codec.encode(shape, samples, nullptr, payload));
     }
   }));

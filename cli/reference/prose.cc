@@ -89,6 +89,12 @@ const std::vector<Prose>& all() {
          "slf render head.slf -o front.png --orbit 0,0,3 --size 1024x1024"},
         {"Float colours and depths", "slf render head.slf -o view.exr"},
         {"What does the view cost?", "slf render head.slf -o view.png --stats"}}},
+      {"pick",
+       {"Prints the point of the surface that a picture of slf-render(1) shows at a pixel, its "
+        "distance from the eye, and the standard deviation of that. A pixel that is less than half "
+        "opaque shows no point."},
+       {{"What is in the middle?", "slf pick head.slf --orbit 30,20,3 --size 512 256,256 --json"},
+        {"Of many pixels, one X,Y a line", "slf pick head.slf --pixels pixels.txt"}}},
       {"raycast",
        {"Draws the view that slf-render(1) draws from a field, by ray-casting the volume itself. "
         "It is the truth that slf-evaluate(1) compares with."},

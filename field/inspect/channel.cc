@@ -8,11 +8,6 @@ bool has_channel(const FieldFile& field, const std::string& name) {
   return name == "color" || (name == "depth" && field.has_depth());
 }
 
-Result<void> read_samples(TileCache& tiles, const storage::TileRef& tile, Bytes& samples) {
-  samples.assign(tiles.field().tile_shape(tile.key).bytes(), std::byte{0});
-  return tiles.read(tile, samples);
-}
-
 ByteSpan channel_of(const TileShape& shape, ByteSpan samples, bool depth) {
   return depth ? samples.subspan(shape.color_bytes()) : samples.first(shape.color_bytes());
 }

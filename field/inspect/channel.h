@@ -11,10 +11,6 @@ namespace slf {
 /// Whether a field has the channel "color" or "depth".
 [[nodiscard]] bool has_channel(const FieldFile& field, const std::string& name);
 
-/// Reads a tile; all zeros for an empty one. Errors of TileCache::read().
-[[nodiscard]] Result<void> read_samples(TileCache& tiles, const storage::TileRef& tile,
-                                        Bytes& samples);
-
 /// The part of a tile's samples that holds a channel.
 [[nodiscard]] ByteSpan channel_of(const TileShape& shape, ByteSpan samples, bool depth);
 

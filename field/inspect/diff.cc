@@ -95,8 +95,8 @@ class Comparer {
     const bool same_bytes = a.state == b.state && std::ranges::equal(a.payload, b.payload);
     if (same_bytes && (comparison_.same_codec || a.state == TileState::empty)) return {};
 
-    SLF_TRY(read_samples(comparison_.tiles_a, a, samples_a_));
-    SLF_TRY(read_samples(comparison_.tiles_b, b, samples_b_));
+    SLF_TRY(comparison_.tiles_a.read(a.key, samples_a_));
+    SLF_TRY(comparison_.tiles_b.read(b.key, samples_b_));
     for (std::size_t c = 0; c < sums.size(); ++c) compare_channel(c == 1, a.key, sums[c]);
     return {};
   }

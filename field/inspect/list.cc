@@ -7,8 +7,6 @@ namespace slf {
 namespace {
 
 using storage::TileRef;
-using storage::TileState;
-
 /// After this many tiles, pages that were read are released.
 constexpr std::uint64_t kReleaseEvery = 1 << 14;
 /// A file declares levels for nothing, and callers keep lists.
@@ -76,9 +74,7 @@ class Listing {
     listed.address = address_of(handle_, tile.key);
     listed.subfield = static_cast<std::uint8_t>(
         tile.key.index >> (4 * tile.key.level + 2 * field_.shape().entry_extra_levels));
-    listed.content = tile.state == TileState::stored  ? TileContent::stored
-                     : tile.state == TileState::empty ? TileContent::empty
-                                                      : TileContent::missing;
+    listed.state = tile.state;
     listed.payload_bytes = tile.payload.size();
     listed.offset_bytes = field_.store().range(tile).begin;
     return visitor_(listed);
@@ -102,9 +98,9 @@ Result<void> check(const FieldFile& field, const TileFilter& filter) {
 
 }  // namespace
 
-const char* name(TileContent content) {
+const char* name(TileState state) {
   constexpr const char* kNames[] = {"missing", "empty", "stored"};
-  return kNames[static_cast<int>(content)];
+  return kNames[static_cast<int>(state)];
 }
 
 std::string to_string(const TileAddress& address) {

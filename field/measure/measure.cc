@@ -10,6 +10,7 @@
 #include <chrono>
 #include <cstdio>
 #include <fstream>
+#include <nlohmann/json.hpp>
 #include <numeric>
 #include <string>
 #include <system_error>
@@ -148,6 +149,19 @@ LevelMeasure summarize(unsigned level, std::uint64_t tiles, const std::vector<Vi
           spread(views, &ViewCost::pairs, share)};
 }
 
+/// Evaluation::differs
+std::string difference(const Field& field, const Scene& scene) {
+  auto built = nlohmann::json::parse(field.provenance(), nullptr, /*allow_exceptions=*/false);
+  auto now = nlohmann::json::parse(scene.provenance(), nullptr, /*allow_exceptions=*/false);
+  for (auto* json : {&built, &now})
+    for (const char* member : {"source", "step"})
+      if (json->is_object()) json->erase(member);
+  const auto differences = nlohmann::json::diff(built, now);
+  if (differences.empty()) return {};
+  const std::string place = differences[0].value("path", "");
+  return place.empty() ? "/" : place;
+}
+
 }  // namespace
 
 Result<Footprint> footprint(const Field& handle, std::span<const TileKey> tiles) {
@@ -157,7 +171,10 @@ Result<Footprint> footprint(const Field& handle, std::span<const TileKey> tiles)
     if (!tile) return tl::unexpected(tile.error());
     sum.stored_tiles += tile->state == storage::TileState::stored ? 1 : 0;
   }
-  const auto read = SLF_TRY(field.with_references(tiles));
+  std::vector<TileKey> read(tiles.begin(), tiles.end());
+  for (const auto& [key, tile] : field.find(tiles, {}, /*advise=*/false))
+    for (const Reference& reference : tile.references) read.push_back(reference.tile);
+  sort_unique(read);
   for (const auto& tile : field.store().find_all(read)) {
     if (!tile) return tl::unexpected(tile.error());
     sum.compressed_bytes += tile->payload.size();
@@ -249,8 +266,11 @@ Result<Evaluation> evaluate_views(const Field& field, const Scene& scene,
   const auto& cameras = options.cameras;
   const std::uint32_t supersample = options.supersample;
   if (cameras.empty()) return fail(ErrorCode::usage, "views 0: expected at least one");
+  if (const auto light = field.light()) scene.set_light(*light);
+  SLF_TRY(scene.prepare());
   Renderer renderer(field, options.renderer);
   Evaluation result;
+  result.differs = difference(field, scene);
   Progress all;
   for (const Camera& camera : cameras) all.total += std::uint64_t{supersample} * camera.height;
   const auto report = [&](const Progress& rows) {
@@ -264,15 +284,12 @@ Result<Evaluation> evaluate_views(const Field& field, const Scene& scene,
     all.done += finer.height;
     auto image = SLF_TRY(renderer.render(camera, options.view));
     Image expected = shrink(truth, supersample);
-    if (options.tone) {
-      const ToneMapper map(*options.tone);
-      for (Image* picture : {&expected, &image})
-        for (glm::vec4& pixel : picture->rgba) pixel = map(pixel);
-    }
-    const ImageDifference difference = compare(expected, image);
-    result.views.push_back({difference.psnr, difference.ssim});
-    result.psnr += difference.psnr / static_cast<double>(cameras.size());
-    result.ssim += difference.ssim / static_cast<double>(cameras.size());
+    for (Image* picture : {&expected, &image})
+      SLF_TRY(map_tones(field, std::nullopt, /*display=*/true, *picture));
+    const auto [psnr, ssim] = compare(expected, image);
+    result.views.push_back({psnr, ssim});
+    result.psnr += psnr / static_cast<double>(cameras.size());
+    result.ssim += ssim / static_cast<double>(cameras.size());
   }
   return result;
 }

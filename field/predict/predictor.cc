@@ -25,9 +25,9 @@ void push(Points& points, const glm::vec3& p) {
 }  // namespace
 
 TilePredictor::TilePredictor(const LevelGeometry& coarser, const LevelGeometry& finer,
-                             const TileSections& sections, References references)
+                             const TileSections& sections, const References& references)
     : coarser_(coarser),
-      references_(std::move(references)),
+      references_(references),
       side_(finer.exit_side()),
       columns_(triangle_size(side_)),
       stride_(side_ % 2 == 0 ? 2 : 1),

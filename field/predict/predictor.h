@@ -1,8 +1,7 @@
 // TilePredictor: predicts the tiles of one level from decoded tiles of the next coarser level. All
 // machines and instruction sets predict the same bytes.
 //
-// This is the arithmetic. The codec asks through codec::Predictor (codec/prediction.h), which
-// TileCoder implements: it finds and loads the references, and calls this class.
+// This is the arithmetic. TileCoder (field/tile_coder.h) calls it and tells the codec the result.
 //
 // Thread-safety: a TilePredictor is immutable.
 #pragma once
@@ -31,22 +30,23 @@ struct PredictedSamples {
 class TilePredictor {
  public:
   /// A predictor for the tile with these sections. `references` are those of its entry section.
-  /// `coarser` must outlive the predictor. REQUIRES: finer.level() == coarser.level() + 1.
+  /// `coarser` and `references` must outlive the predictor. REQUIRES: finer.level() ==
+  /// coarser.level() + 1.
   TilePredictor(const LevelGeometry& coarser, const LevelGeometry& finer,
-                const TileSections& sections, References references);
+                const TileSections& sections, const References& references);
 
   /// How often predicting a tile with these samples would read each candidate.
   [[nodiscard]] std::vector<std::uint32_t> uses(std::span<const std::uint8_t> alpha,
                                                 std::span<const std::uint8_t> depth) const;
 
-  /// `from` are the candidates' samples, in the order of candidates_of.
+  /// `from` are the candidates' samples, in the order of Candidates.
   void predict(std::span<const ReferenceTile> from, PredictedSamples& predicted) const;
 
  private:
   [[nodiscard]] PredictedRow row(std::size_t index, std::span<const ReferenceTile> from) const;
 
   const LevelGeometry& coarser_;
-  References references_;
+  const References& references_;
   std::uint32_t side_;
   std::size_t columns_;
   unsigned stride_;  // between the columns that are looked up, along p and q

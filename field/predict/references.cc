@@ -65,13 +65,32 @@ References find_references(const LevelGeometry& coarser, const LevelGeometry& fi
   return found;
 }
 
-std::vector<TileSections> candidates_of(const LevelGeometry& coarser,
-                                        const References& references) {
-  std::vector<TileSections> candidates;
-  for (const std::uint32_t slot : references.sections)
-    for (std::uint32_t exit = 0; exit < section_count(coarser.level()); ++exit)
-      candidates.push_back({coarser.entry_section(slot), coarser.exit_section(exit)});
-  return candidates;
+Candidates::Candidates(const LevelGeometry& coarser, const References& references,
+                       const TileSections& of)
+    : coarser_(coarser), references_(references), exits_(section_count(coarser.level())) {
+  kinds_.reserve(references.sections.size() * exits_);
+  for (const std::uint32_t slot : references.sections) {
+    const int far_entry = coarser.entry_section(slot) != of.entry.parent() ? 2 : 0;
+    for (std::uint32_t exit = 0; exit < exits_; ++exit) {
+      const bool far_exit = coarser.exit_section(exit).octant() != of.exit.octant();
+      kinds_.push_back(static_cast<std::uint8_t>(far_entry + (far_exit ? 1 : 0)));
+    }
+  }
+}
+
+Reference Candidates::operator[](std::size_t k) const {
+  return {tile_key({coarser_.entry_section(references_.sections[k / exits_]),
+                    coarser_.exit_section(static_cast<std::uint32_t>(k % exits_))})};
+}
+
+std::optional<std::size_t> Candidates::find(const Reference& reference) const {
+  if (reference.tile.level != coarser_.level()) return std::nullopt;
+  const TileSections at =
+      sections_of(reference.tile, coarser_.entry_section(0).level - coarser_.level());
+  const auto& slots = references_.sections;
+  const auto slot = std::lower_bound(slots.begin(), slots.end(), at.entry.index);
+  if (slot == slots.end() || *slot != at.entry.index) return std::nullopt;
+  return static_cast<std::size_t>(slot - slots.begin()) * exits_ + at.exit.index;
 }
 
 }  // namespace slf

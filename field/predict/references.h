@@ -3,12 +3,19 @@
 #pragma once
 
 #include <cstdint>
-#include <span>
+#include <optional>
 #include <vector>
 
 #include "field/geometry/level_geometry.h"
+#include "slf/tile.h"
 
 namespace slf {
+
+/// A tile that another is predicted from.
+struct Reference {
+  TileKey tile;
+  friend auto operator<=>(const Reference&, const Reference&) = default;
+};
 
 /// The references of the tiles entered through one section: the same for all exit sections.
 struct References {
@@ -33,8 +40,26 @@ struct References {
 
 /// The tiles of the coarser level that a tile may refer to, as [slot][exit section]. There is a
 /// slot for each of references.sections.
-[[nodiscard]] std::vector<TileSections> candidates_of(const LevelGeometry& coarser,
-                                                      const References& references);
+class Candidates {
+ public:
+  /// Of the tile with these sections. `coarser` and `references`, those of its entry section, must
+  /// outlive this.
+  Candidates(const LevelGeometry& coarser, const References& references, const TileSections& of);
+
+  [[nodiscard]] std::size_t size() const { return kinds_.size(); }
+  [[nodiscard]] Reference operator[](std::size_t k) const;
+  /// The index of one; none if it is no candidate.
+  [[nodiscard]] std::optional<std::size_t> find(const Reference& reference) const;
+  /// What each has in common with the tile (codec::Predicted::kinds): 2 if their entry sections lie
+  /// apart, plus 1 if their exit sections are in different octants.
+  [[nodiscard]] const std::vector<std::uint8_t>& kinds() const { return kinds_; }
+
+ private:
+  const LevelGeometry& coarser_;
+  const References& references_;
+  std::size_t exits_;
+  std::vector<std::uint8_t> kinds_;
+};
 
 /// The unit direction of a vertex, in floats that are the same on every machine: in doubles, one
 /// rounding per operation, then rounded to float.

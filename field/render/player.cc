@@ -9,7 +9,6 @@
 #include <glm/gtc/quaternion.hpp>
 #include <mutex>
 #include <optional>
-#include <set>
 #include <thread>
 #include <utility>
 
@@ -17,6 +16,7 @@
 #include "base/parallel.h"
 #include "base/try.h"
 #include "field/render/level_pacer.h"
+#include "field/render/load_misses.h"
 #include "field/render/renderer_state.h"
 
 namespace slf {
@@ -209,20 +209,20 @@ class Player::Loader {
   /// Loads tiles in batches, which the disk reads concurrently. False: there is a newer plan, or no
   /// room without evicting tiles that the next frames use.
   [[nodiscard]] Result<bool> load(std::span<const TileKey> keys, std::uint32_t drawn) {
-    const auto locate = [&](std::size_t from) {
+    const auto batch = [&](std::size_t from) {
       from = std::min(from, keys.size());
-      return cache_.locate(keys.subspan(from, std::min(kBatch, keys.size() - from)));
+      return keys.subspan(from, std::min(kBatch, keys.size() - from));
     };
-    auto batch = locate(0);
+    FoundTiles next = cache_.locate(batch(0));
     for (std::size_t at = 0; at < keys.size(); at += kBatch) {
-      const auto now = std::exchange(batch, locate(at + kBatch));
-      if (auto ok = load_batch(now, drawn); !ok || !*ok) return ok;
+      const FoundTiles found = std::exchange(next, cache_.locate(batch(at + kBatch)));
+      if (auto ok = load_batch(batch(at), found, drawn); !ok || !*ok) return ok;
     }
     return true;
   }
 
   /// Loads tiles on several threads.
-  [[nodiscard]] Result<bool> load_batch(std::span<const TileCache::Located> tiles,
+  [[nodiscard]] Result<bool> load_batch(std::span<const TileKey> tiles, const FoundTiles& found,
                                         std::uint32_t drawn) {
     std::atomic<std::size_t> next{0};
     std::atomic<bool> stopped{false};
@@ -238,7 +238,7 @@ class Player::Loader {
           return;
         }
         const auto began = Clock::now();
-        const auto pin = cache_.load(tiles[k]);
+        const auto pin = cache_.load(tiles[k], found);
         busy += (Clock::now() - began).count();
         if (pin) continue;
         stopped = true;
@@ -252,22 +252,17 @@ class Player::Loader {
     return !stopped;
   }
 
-  /// Renders a small preview of a view and loads the tiles that it misses, until none is missing.
-  /// That takes several previews, because depths in loaded tiles lead to further tiles. False: as
-  /// load(), or a tile that was loaded was evicted again.
+  /// Renders small previews of a view and loads the tiles that they miss. False: as load(), or a
+  /// tile that was loaded was evicted again.
   [[nodiscard]] Result<bool> load_view(const Camera& camera, std::uint32_t drawn) {
-    std::set<TileKey> loaded;
-    for (std::uint64_t turn = current_; !outdated(); ++turn) {
-      ViewStatistics statistics;
-      SLF_TRY(previewer_.render(preview_of(camera, turn), view_, preview_, &statistics));
-      const std::vector<TileKey>& missing = statistics.misses;
-      if (missing.empty()) return true;
-      if (std::ranges::any_of(missing, [&](TileKey key) { return loaded.contains(key); }))
-        return false;
-      if (auto ok = load(missing, drawn); !ok || !*ok) return ok;
-      loaded.insert(missing.begin(), missing.end());
-    }
-    return false;
+    ViewStatistics statistics;
+    std::uint64_t turn = current_;
+    const auto draw = [&] {
+      return previewer_.render(preview_of(camera, turn++), view_, preview_, &statistics);
+    };
+    return load_misses(
+        statistics, draw, [&](std::span<const TileKey> keys) { return load(keys, drawn); },
+        [&] { return !outdated(); });
   }
 
   TileCache& cache_;
@@ -340,7 +335,7 @@ Result<Player> Player::make(Renderer renderer, const PlayOptions& options) {
   std::uint64_t bytes = 0;
   const auto pin_tile = [&](const storage::TileRef& tile) -> Result<void> {
     if (4 * bytes > cache.budget() || !field.shape().has(tile.key)) return {};
-    auto pin = SLF_TRY(cache.load({tile.key, tile}));
+    auto pin = SLF_TRY(cache.load(tile.key));
     bytes += pin.samples().size();
     state->coarsest.push_back(std::move(pin));
     return {};

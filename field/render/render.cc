@@ -7,7 +7,6 @@
 #include <mutex>
 #include <numbers>
 #include <optional>
-#include <set>
 #include <span>
 #include <thread>
 #include <utility>
@@ -17,6 +16,7 @@
 #include "base/sort_unique.h"
 #include "base/try.h"
 #include "field/render/block_renderer.h"
+#include "field/render/load_misses.h"
 #include "field/render/renderer_state.h"
 
 namespace slf {
@@ -125,6 +125,18 @@ Result<void> check_view(const Field& field, const ViewOptions& options) {
   return {};
 }
 
+Result<void> map_tones(const Field& field, const std::optional<ToneMapping>& tone, bool display,
+                       Image& image) {
+  if (tone && !field.linear())
+    return fail_without("tone", ErrorCode::usage, field.path(),
+                        ": tone mapping needs linear radiance: half floats, built with shadowed or "
+                        "global light");
+  if (!field.linear() || (!tone && !display)) return {};
+  const ToneMapper map(tone.value_or(ToneMapping{}));
+  for (glm::vec4& pixel : image.rgba) pixel = map(pixel);
+  return {};
+}
+
 namespace {
 
 ViewOptions resolved(ViewOptions options, const FieldShape& shape, const Camera& camera) {
@@ -174,30 +186,36 @@ class BlockOrder {
   std::vector<PixelBlock> blocks_;
 };
 
+/// A view to draw.
+struct ViewPlan {
+  const FieldFile& field;
+  TileCache& cache;
+  std::span<std::unique_ptr<BlockRenderer>> renderers;  ///< by thread
+  std::uint64_t pin_bytes;                              ///< of each
+  const BlockOrder& blocks;
+  std::size_t parts;  ///< of the order, which threads begin with
+  const Camera& camera;
+  const RayGenerator& rays;
+  const ViewOptions& options;
+  bool lists_tiles;
+  Reporter& progress;
+  Image& image;
+};
+
 /// One view being drawn: any thread takes blocks, each of which writes pixels of its own.
 class ViewJob {
  public:
-  ViewJob(const FieldFile& field, TileCache& cache, std::uint64_t pin_bytes,
-          std::span<std::unique_ptr<BlockRenderer>> renderers, const BlockOrder& blocks,
-          std::size_t parts, const Camera& camera, const RayGenerator& rays,
-          const ViewOptions& options, bool lists_tiles, Reporter& progress, Image& image)
-      : field_(field),
-        cache_(cache),
-        frame_(cache.begin_frame(lists_tiles)),
-        pin_bytes_(pin_bytes),
-        renderers_(renderers),
-        camera_(camera),
-        basis_(make_basis(field.shape().sphere, rays, camera.width)),
-        options_(options),
-        blocks_(blocks),
-        parts_(parts),
-        progress_(progress),
-        image_(image),
-        level_pixels_(options.level + 1) {
-    image_.width = camera.width;
-    image_.height = camera.height;
-    image_.rgba.resize(std::size_t{camera.width} * camera.height);
-    image_.depth.resize(options.with_depth ? image_.rgba.size() : 0);
+  explicit ViewJob(const ViewPlan& view)
+      : view_(view),
+        frame_(view.cache.begin_frame(view.lists_tiles)),
+        basis_(make_basis(view.field.shape().sphere, view.rays, view.camera.width)),
+        parts_(view.parts),
+        level_pixels_(view.options.level + 1) {
+    Image& image = view.image;
+    image.width = view.camera.width;
+    image.height = view.camera.height;
+    image.rgba.resize(std::size_t{image.width} * image.height);
+    image.depth.resize(view.options.with_depth ? image.rgba.size() : 0);
     for (std::uint32_t part = 0; part < parts_.size(); ++part) parts_[part].next = begin_of(part);
   }
 
@@ -207,10 +225,10 @@ class ViewJob {
   void work() {
     std::optional<Error> error;
     const std::uint32_t own = workers_++;
-    if (!renderers_[own])
-      renderers_[own] = std::make_unique<BlockRenderer>(field_, cache_, pin_bytes_);
-    BlockRenderer& renderer = *renderers_[own];
-    renderer.begin(frame_, options_, camera_.eye, image_);
+    auto& made = view_.renderers[own];
+    if (!made) made = std::make_unique<BlockRenderer>(view_.field, view_.cache, view_.pin_bytes);
+    BlockRenderer& renderer = *made;
+    renderer.begin(frame_, view_.options, view_.camera.eye, view_.image);
     for (std::uint32_t k = 0; k < parts_.size(); ++k) {
       const auto part = (own + k) % static_cast<std::uint32_t>(parts_.size());
       const std::uint32_t end = begin_of(part + 1);
@@ -219,7 +237,7 @@ class ViewJob {
            !error && (begin = parts_[part].next.fetch_add(kTakenBlocks)) < end;) {
         const std::uint32_t taken = std::min(begin + kTakenBlocks, end);
         for (std::uint32_t block = begin; !error && block < taken; ++block)
-          if (auto ok = renderer.draw(basis_, blocks_[block]); !ok) error = ok.error();
+          if (auto ok = renderer.draw(basis_, view_.blocks[block]); !ok) error = ok.error();
         drawn_ += taken - begin;
         if (error || std::this_thread::get_id() != caller_) continue;
         if (auto ok = report(drawn_); !ok) error = ok.error();
@@ -234,13 +252,13 @@ class ViewJob {
     hit_ += renderer.counts().hit;
     if (!error) return;
     if (!error_) error_ = error;
-    for (Part& part : parts_) part.next = blocks_.count();
+    for (Part& part : parts_) part.next = view_.blocks.count();
   }
 
   [[nodiscard]] const std::optional<Error>& error() const { return error_; }
   /// Only for the thread that made this. `drawn`: blocks.
   [[nodiscard]] Result<void> report(std::uint32_t drawn) {
-    return progress_.add(drawn - std::exchange(reported_, drawn));
+    return view_.progress.add(drawn - std::exchange(reported_, drawn));
   }
 
   /// Fills in the engine's counts.
@@ -261,23 +279,15 @@ class ViewJob {
   };
 
   [[nodiscard]] std::uint32_t begin_of(std::uint32_t part) const {
-    return static_cast<std::uint32_t>(std::uint64_t{blocks_.count()} * part / parts_.size());
+    return static_cast<std::uint32_t>(std::uint64_t{view_.blocks.count()} * part / parts_.size());
   }
 
-  const FieldFile& field_;
-  TileCache& cache_;
+  const ViewPlan view_;
   std::atomic<std::uint32_t> frame_;
-  const std::uint64_t pin_bytes_;
-  const std::span<std::unique_ptr<BlockRenderer>> renderers_;  // by thread
-  const Camera& camera_;
   const CameraBasis basis_;
-  const ViewOptions& options_;
-  const BlockOrder& blocks_;
   std::vector<Part> parts_;
-  Reporter& progress_;
   std::uint32_t reported_ = 0;
   const std::thread::id caller_ = std::this_thread::get_id();
-  Image& image_;
   std::atomic<std::uint32_t> workers_{0}, drawn_{0};
   std::mutex mutex_;  // guards what follows
   std::optional<Error> error_;
@@ -324,9 +334,18 @@ Result<void> Renderer::draw(const Camera& camera, const ViewOptions& requested, 
   state_->tiles.cache().reset_peak();
   const auto threads =
       static_cast<unsigned>(std::min<std::size_t>(state_->renderers.size(), blocks.count()));
-  ViewJob job(field, state_->tiles.cache(), state_->pin_bytes,
-              std::span(state_->renderers).first(threads), blocks, std::min(state_->parts, threads),
-              camera, rays, options, statistics != nullptr, reporter, image);
+  ViewJob job({.field = field,
+               .cache = state_->tiles.cache(),
+               .renderers = std::span(state_->renderers).first(threads),
+               .pin_bytes = state_->pin_bytes,
+               .blocks = blocks,
+               .parts = std::min(state_->parts, threads),
+               .camera = camera,
+               .rays = rays,
+               .options = options,
+               .lists_tiles = statistics != nullptr,
+               .progress = reporter,
+               .image = image});
   SLF_TRY(on_threads(threads, [&] { job.work(); }));
   if (job.error()) return tl::unexpected(*job.error());
   SLF_TRY(job.report(blocks.count()));
@@ -369,34 +388,19 @@ Result<void> Renderer::fetch(const Camera& camera, ViewOptions options, Image& p
                              ViewStatistics& statistics, Reporter& progress) {
   constexpr int kRounds = 4;
   TileCache& cache = state_->tiles.cache();
-  const auto load = [&](std::span<const TileKey> keys) -> Result<void> {
-    for (const TileCache::Located& tile : cache.locate(keys)) {
-      SLF_TRY(cache.load(tile));
+  const auto load = [&](std::span<const TileKey> keys) -> Result<bool> {
+    const FoundTiles found = cache.locate(keys);
+    for (const TileKey key : keys) {
+      SLF_TRY(cache.load(key, found));
       SLF_TRY(progress.add(0));
     }
-    return {};
+    return true;
   };
   options.wait = false;
   SLF_TRY(load(level0_if_small(state_->tiles.field().file())));
-  std::set<TileKey> loaded;
-  for (int round = 0; round < kRounds; ++round) {
-    SLF_TRY(render(camera, options, picture, &statistics));
-    if (statistics.misses.empty() || loaded.contains(statistics.misses.front())) return {};
-    SLF_TRY(load(statistics.misses));
-    loaded.insert(statistics.misses.begin(), statistics.misses.end());
-  }
-  return {};
-}
-
-Result<void> Renderer::render_progressively(const Camera& camera, const ViewOptions& options,
-                                            Image& image, const Show& show) {
-  SLF_TRY(check_view(state_->tiles.field(), options));
-  const unsigned last = resolved(options, state_->tiles.field().shape(), camera).level;
-  ViewOptions view = options;
-  for (view.level = 0; view.level <= last; ++view.level) {
-    SLF_TRY(render(camera, view, image));
-    if (!show(image, view.level)) break;
-  }
+  int round = 0;
+  const auto draw = [&] { return render(camera, options, picture, &statistics); };
+  SLF_TRY(load_misses(statistics, draw, load, [&] { return ++round <= kRounds; }));
   return {};
 }
 

@@ -25,7 +25,7 @@ void remove_repetitions(std::vector<TileKey>& keys, std::size_t& unique) {
 SampleGatherer::SampleGatherer(const FieldFile& field, TileCache& cache, std::uint64_t pin_bytes,
                                std::size_t max_rays)
     : cache_(cache),
-      reader_(cache),
+      reader_(cache.epochs()),
       format_(field.format()),
       pin_bytes_(pin_bytes),
       max_tile_samples_(field.shape().max_tile_samples()) {

@@ -83,54 +83,60 @@ ArrivingLight found_at(const LightGrid& light, const std::vector<std::uint32_t>&
 
 Result<void> filter_light(const Medium& medium, LightGrid& light,
                           const std::vector<std::uint32_t>& index,
-                          const std::vector<std::size_t>& numbers,
-                          const std::vector<NodeLight>& nodes, unsigned threads,
+                          const std::vector<std::size_t>& around,
+                          const std::vector<std::size_t>& wanted,
+                          const std::vector<NodeLight>& nodes, std::size_t pass, unsigned threads,
                           Reporter& progress) {
   const glm::mat3 axes(glm::inverse(medium.grid().world_to_index) / medium.smallest_spacing());
-  std::vector<ArrivingLight> values(numbers.size()), next(numbers.size());
-  const auto for_nodes = [&](const auto& work) -> Result<void> {
+  std::vector<ArrivingLight> values(nodes.size()), next(nodes.size());
+  // Calls work(number, place in `nodes`).
+  const auto for_nodes = [&](const std::vector<std::size_t>& numbers,
+                             const auto& work) -> Result<void> {
     constexpr std::size_t kNodes = std::size_t{1} << 17;  // between two reports
     for (std::size_t begin = 0; begin < numbers.size(); begin += kNodes) {
       SLF_TRY(progress.add(0));
-      SLF_TRY(parallel_for(std::min(kNodes, numbers.size() - begin), threads,
-                           [&, begin](std::uint64_t k) { work(begin + k); }));
+      SLF_TRY(parallel_for(
+          std::min(kNodes, numbers.size() - begin), threads,
+          [&, begin](std::uint64_t k) { work(numbers[begin + k], index[numbers[begin + k]]); }));
     }
     return {};
   };
   const auto for_lit = [&](const auto& work) {
-    return for_nodes([&](std::uint64_t k) {
-      if (nodes[k].lit) work(k);
+    return for_nodes(around, [&](std::size_t number, std::uint32_t k) {
+      if (nodes[k].lit) work(number, k);
     });
   };
-  for (std::size_t k = 0; k < numbers.size(); ++k) values[k] = nodes[k].indirect;
+  for (const std::size_t number : around)
+    values[index[number]] = nodes[index[number]].indirect[pass];
   for (int round = 0; round < 2; ++round) {
-    SLF_TRY(for_lit([&](std::uint64_t k) {
-      next[k] = filtered(light, index, nodes, numbers[k],
-                         [&](std::size_t other) { return values[other]; });
+    SLF_TRY(for_lit([&](std::size_t number, std::uint32_t k) {
+      next[k] =
+          filtered(light, index, nodes, number, [&](std::size_t other) { return values[other]; });
     }));
     std::swap(values, next);
   }
   // Shadows are filtered as a share of the light that would arrive without them.
-  SLF_TRY(for_lit([&](std::uint64_t k) {
-    const auto mean = filtered(light, index, nodes, numbers[k], [&](std::size_t other) {
+  SLF_TRY(for_lit([&](std::size_t number, std::uint32_t k) {
+    const auto mean = filtered(light, index, nodes, number, [&](std::size_t other) {
       return glm::mat2x3(nodes[other].direct, nodes[other].unshadowed);
     });
     values[k].arrives = mean[0] / glm::max(mean[1], glm::vec3(1e-12f));
   }));
   // A node's light is a mean, and rays interpolate between nodes: both blur. This step of Jacobi's
   // method makes rays find the means.
-  SLF_TRY(for_nodes(
-      [&](std::uint64_t k) { next[k] = as_seen(light, index, nodes, values, numbers[k], axes); }));
-  SLF_TRY(for_lit([&](std::uint64_t k) {
-    values[k] += values[k] - found_at(light, index, nodes, next, numbers[k]);
+  SLF_TRY(for_nodes(around, [&](std::size_t number, std::uint32_t k) {
+    next[k] = as_seen(light, index, nodes, values, number, axes);
+  }));
+  SLF_TRY(for_lit([&](std::size_t number, std::uint32_t k) {
+    values[k] += values[k] - found_at(light, index, nodes, next, number);
     values[k].mean = glm::max(values[k].mean, 0.f);
     values[k].arrives = glm::clamp(values[k].arrives, 0.f, kMaxArrives);
   }));
-  light.nodes.assign(light.node_bytes(), 0);
-  return for_nodes([&](std::uint64_t k) {
-    const ArrivingLight value = as_seen(light, index, nodes, values, numbers[k], axes);
-    if (value.mean != glm::vec3(0) || value.arrives != glm::vec3(0))
-      pack_light(value, light.nodes.data() + LightGrid::kNodeBytes * numbers[k]);
+  return for_nodes(wanted, [&](std::size_t number, std::uint32_t) {
+    const ArrivingLight value = as_seen(light, index, nodes, values, number, axes);
+    std::uint8_t* node = light.nodes.data() + LightGrid::kNodeBytes * number;
+    std::fill_n(node, LightGrid::kNodeBytes, std::uint8_t{0});
+    if (value.mean != glm::vec3(0) || value.arrives != glm::vec3(0)) pack_light(value, node);
   });
 }
 

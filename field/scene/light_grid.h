@@ -4,11 +4,14 @@
 
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <glm/glm.hpp>
+#include <limits>
 #include <optional>
+#include <utility>
 #include <vector>
 
 namespace slf {
@@ -45,6 +48,37 @@ struct GridLight {
 /// Further lights of a rig count as surroundings.
 inline constexpr std::size_t kGridLights = 3;
 
+/// The nodes that were looked up before they were computed. Thread-safety: any thread, except
+/// take().
+class MissedNodes {
+ public:
+  explicit MissedNodes(std::size_t nodes) : marks_(nodes) {}
+  void add(std::size_t number) {
+    set(marks_[number]);
+    set(any_);
+  }
+  [[nodiscard]] bool any() const {
+    return std::atomic_ref(any_).load(std::memory_order_relaxed) != 0;
+  }
+  /// Returns and forgets them.
+  [[nodiscard]] std::vector<std::size_t> take() {
+    std::vector<std::size_t> numbers;
+    for (std::size_t k = 0; any_ != 0 && k < marks_.size(); ++k)
+      if (std::exchange(marks_[k], std::uint8_t{0}) != 0) numbers.push_back(k);
+    any_ = 0;
+    return numbers;
+  }
+
+ private:
+  static void set(std::uint8_t& flag) {  // threads share what they only read
+    const std::atomic_ref atomic(flag);
+    if (atomic.load(std::memory_order_relaxed) == 0) atomic.store(1, std::memory_order_relaxed);
+  }
+
+  std::vector<std::uint8_t> marks_;
+  mutable std::uint8_t any_ = 0;
+};
+
 /// Node (i, j, k), x fastest, is at the voxel index low + spacing·(i, j, k). Between nodes, light
 /// is interpolated trilinearly.
 struct LightGrid {
@@ -53,6 +87,8 @@ struct LightGrid {
   double spacing = 1;               ///< voxels
   std::vector<GridLight> lights;    ///< at most kGridLights
   std::vector<std::uint8_t> nodes;  ///< node_bytes(); empty: no light volume
+  /// Receives the nodes with the exponent kMissingNode that are looked up; null: there are none.
+  MissedNodes* missed = nullptr;
 
   [[nodiscard]] std::size_t size() const {
     return static_cast<std::size_t>(dims[0]) * dims[1] * dims[2];
@@ -117,24 +153,25 @@ template <class T>
 
 /// The bytes of a node: three of `mean` and three of `change`, which share an exponent; three of
 /// `arrives`; red and blue of `tint` at a luminance of 1; and the exponent. All are 0 if the node
-/// is dark. pack_light() and decode_light() make the exponent 0 to kExponents.
+/// is dark. pack_light() and decode_light() make the exponent 0 to kExponents; it is kMissingNode until
+/// the node is computed.
 inline constexpr int kExponents = 32;  // byte 11 is 1 to 32: a unit of mean is 2^(byte - 24)
+inline constexpr int kMissingNode = kExponents + 1;
 inline constexpr int kChannels = 11;
 inline constexpr float kMaxArrives = 1.25f, kMinTint = -1, kMaxTint = 2;
 
-/// What byte c of a node counts: its value is unit × byte + offset. Padded for vectors.
-struct NodeUnits {
-  alignas(64) std::array<float, 16> unit{}, offset{};
-};
-inline const std::array<NodeUnits, kExponents + 1> kNodeUnits = [] {
-  std::array<NodeUnits, kExponents + 1> units{};
+/// Byte c of a node counts kNodeUnits[exponent][c] × (byte - kNodeZeros[c]). Padded for vectors.
+alignas(64) inline constexpr std::array<std::int32_t, 16> kNodeZeros{0, 0, 0, 128, 128, 128,
+                                                                     0, 0, 0, 85,  85};
+struct alignas(64) NodeUnits : std::array<float, 16> {};
+inline const std::array<NodeUnits, kMissingNode + 1> kNodeUnits = [] {
+  std::array<NodeUnits, kMissingNode + 1> units{};
   for (int e = 1; e <= kExponents; ++e)
-    for (std::size_t c = 0; c < kChannels; ++c) {
-      NodeUnits& u = units[static_cast<std::size_t>(e)];
-      u.unit[c] = c < 6 ? std::ldexp(c < 3 ? 1.f : 2.f, e - 24)
-                        : (c < 9 ? kMaxArrives : kMaxTint - kMinTint) / 255;
-      u.offset[c] = c >= 9 ? kMinTint : c < 3 || c > 5 ? 0 : -128 * u.unit[c];
-    }
+    for (std::size_t c = 0; c < kChannels; ++c)
+      units[static_cast<std::size_t>(e)][c] =
+          c < 6 ? std::ldexp(c < 3 ? 1.f : 2.f, e - 24)
+                : (c < 9 ? kMaxArrives : kMaxTint - kMinTint) / 255;
+  units[kMissingNode].fill(std::numeric_limits<float>::quiet_NaN());
   return units;
 }();
 
@@ -159,15 +196,15 @@ inline void pack_light(const ArrivingLight& light, std::uint8_t* node) {
                                             light.arrives.x, light.arrives.y, light.arrives.z,
                                             tint.r,          tint.b};
   for (std::size_t c = 0; c < kChannels; ++c)
-    node[c] = static_cast<std::uint8_t>(
-        std::clamp(std::lround((values[c] - units.offset[c]) / units.unit[c]), 0L, 255L));
+    node[c] = static_cast<std::uint8_t>(std::clamp(
+        std::lround(values[c] / units[c] + static_cast<float>(kNodeZeros[c])), 0L, 255L));
   node[kChannels] = static_cast<std::uint8_t>(code);
 }
 
 [[nodiscard]] inline ArrivingLight unpack_light(const std::uint8_t* node) {
   const NodeUnits& units = kNodeUnits[node[kChannels]];
   const auto value = [&](std::size_t c) {
-    return units.unit[c] * static_cast<float>(node[c]) + units.offset[c];
+    return units[c] * static_cast<float>(node[c] - kNodeZeros[c]);
   };
   const float red = value(9), blue = value(10);
   return {{value(0), value(1), value(2)},
@@ -176,8 +213,8 @@ inline void pack_light(const ArrivingLight& light, std::uint8_t* node) {
           {value(6), value(7), value(8)}};
 }
 
-/// The light at a position in nodes, clamped to the grid; nothing beside nodes that are dark, among
-/// which are those that were not computed.
+/// The light at a position in nodes, clamped to the grid; nothing beside nodes that are dark. Not a
+/// number beside nodes that were missed.
 [[nodiscard]] inline std::optional<ArrivingLight> look_up(const LightGrid& light,
                                                           const glm::dvec3& at) {
   const glm::ivec3 last(light.dims[0] - 1, light.dims[1] - 1, light.dims[2] - 1);
@@ -188,11 +225,11 @@ inline void pack_light(const ArrivingLight& light, std::uint8_t* node) {
   for (int corner = 0; corner < 8; ++corner) {
     const glm::ivec3 step(corner & 1, corner >> 1 & 1, corner >> 2);
     const glm::ivec3 n = glm::min(a + step, last);
-    const std::uint8_t* node =
-        light.nodes.data() +
-        LightGrid::kNodeBytes *
-            ((static_cast<std::size_t>(n.z) * light.dims[1] + n.y) * light.dims[0] + n.x);
+    const std::size_t number =
+        (static_cast<std::size_t>(n.z) * light.dims[1] + n.y) * light.dims[0] + n.x;
+    const std::uint8_t* node = light.nodes.data() + LightGrid::kNodeBytes * number;
     if (node[kChannels] == 0) return std::nullopt;
+    if (node[kChannels] == kMissingNode) light.missed->add(number);
     const glm::vec3 share = glm::mix(1.f - w, w, glm::vec3(step));
     sum += share.x * share.y * share.z * unpack_light(node);
   }

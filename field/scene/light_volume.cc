@@ -21,10 +21,10 @@ namespace {
 constexpr int kPoints = 32;     // around a node, at most
 constexpr double kReach = 0.5;  // how far from it, in spacings
 constexpr int kMarched = 4;     // of these, towards each light
-/// Bytes per node that computing takes: its depth, index and result, and, at most for half of the
-/// nodes, those near a surface, its number, a NodeLight and twice its light.
+/// Bytes per node that computing takes: its depth, two indices and two results, and, at most for
+/// half of the nodes, those near a surface, its number, a NodeLight and twice its light.
 constexpr std::uint64_t kBytesPerNode =
-    4 + 4 + LightGrid::kNodeBytes + (8 + sizeof(NodeLight) + 2 * sizeof(ArrivingLight)) / 2;
+    4 + 8 + 2 * LightGrid::kNodeBytes + (8 + sizeof(NodeLight) + 2 * sizeof(ArrivingLight)) / 2;
 
 /// REQUIRES: 0 <= v < 2^31.
 double fraction(double v) { return v - static_cast<int>(v); }
@@ -43,12 +43,20 @@ bool can_be_seen(const LightGrid& light, const std::vector<float>& depth, std::s
   return any;
 }
 
+}  // namespace
+
 /// How light that is not direct is computed.
-struct Pass {
+struct LightComputer::Pass {
   std::uint32_t paths;        // per node
   std::uint32_t bounces;      // at most
   const LightGrid* estimate;  // null in the first pass; ends paths that are far from their node
+
+  [[nodiscard]] std::size_t number() const { return estimate ? 1 : 0; }
 };
+
+namespace {
+
+using Pass = LightComputer::Pass;
 
 /// The time that a pass takes per node, in paths.
 std::uint64_t cost(const Pass& pass) {
@@ -68,7 +76,8 @@ class LightSolver {
         depth_(depth),
         far_(kFarNodes * light.spacing * medium.smallest_spacing()) {}
 
-  /// The light at a node; with an estimate, only its indirect part.
+  /// The light at a node; with an estimate, only its indirect part. That is not a number if paths
+  /// missed nodes of the estimate.
   [[nodiscard]] NodeLight solve(std::size_t number, const Pass& pass) const {
     Random random(mix((2 * options_.seed + (pass.estimate ? 1 : 0)) * kMixStep + number));
     const int tries = static_cast<int>(
@@ -78,7 +87,7 @@ class LightSolver {
     if (points.count == 0) return node;
     node.lit = true;
     node.seen = static_cast<float>(points.total / tries);
-    node.indirect = indirect_light(points, pass, random);
+    node.indirect[pass.number()] = indirect_light(points, pass, random);
     if (!pass.estimate) {
       find_look_ups(number, points, node);
       add_direct(points, random, node);
@@ -458,41 +467,112 @@ LightGrid plan_light(const RayGrid& grid, const Illumination& illumination,
   return light;
 }
 
+LightComputer::LightComputer(const Medium& medium, const Illumination& illumination,
+                             const LightOptions& options, unsigned threads)
+    : medium_(medium),
+      illumination_(illumination),
+      options_(options),
+      threads_(threads),
+      blank_(plan_light(medium.grid(), illumination, options)) {}
+
+LightComputer::~LightComputer() = default;
+
+Result<void> LightComputer::prepare() {
+  const auto extinction = SLF_TRY(node_extinctions(medium_, blank_, threads_));
+  depth_ = depth_from_outside(medium_, blank_, extinction);
+  index_.assign(blank_.size(), kNoNode);
+  near_ = index_;
+  blank_.nodes.assign(blank_.node_bytes(), 0);
+  for (std::size_t number = 0; number < blank_.size(); ++number)
+    if (can_be_seen(blank_, depth_, number) &&
+        near_matter(medium_.grid(), blank_, node_at(blank_, number))) {
+      index_[number] = static_cast<std::uint32_t>(numbers_.size());
+      numbers_.push_back(number);
+      blank_.nodes[LightGrid::kNodeBytes * number + kChannels] = kMissingNode;
+    }
+  nodes_.resize(numbers_.size());
+  passes_ = {{options_.samples, 0, nullptr}};
+  if (options_.mode == Lighting::global && options_.bounces > 0) {
+    estimate_ = blank_;
+    estimate_.missed = &missed_.emplace(blank_.size());
+    passes_ = {{(options_.samples + 15) / 16, options_.bounces - 1, nullptr},
+               {options_.samples, options_.bounces, &estimate_}};
+  }
+  return {};
+}
+
+Result<void> LightComputer::compute(LightGrid& light, const std::vector<std::size_t>& wanted,
+                                    const ProgressCallback& progress) {
+  const std::size_t nodes = spread(wanted, kFilterReach).size();
+  Progress all;
+  for (const Pass& pass : passes_) all.total += nodes * cost(pass);
+  Reporter reporter(progress, all, "stopped while the light volume was computed");
+  SLF_TRY(reporter.add(0));
+  return fill(light, passes_.back(), wanted, reporter);
+}
+
+std::vector<std::size_t> LightComputer::spread(std::vector<std::size_t> numbers, int reach) const {
+  if (numbers.size() == numbers_.size()) return numbers;
+  std::vector<bool> found(index_.size());
+  for (const std::size_t number : numbers) found[number] = true;
+  for (std::size_t begin = 0, end = numbers.size(); reach > 0;
+       begin = end, end = numbers.size(), --reach)
+    for (std::size_t k = begin; k < end; ++k)
+      for_each_neighbour(blank_, numbers[k], [&](std::size_t other, glm::ivec3) {
+        if (found[other] || index_[other] == kNoNode) return;
+        found[other] = true;
+        numbers.push_back(other);
+      });
+  return numbers;
+}
+
+Result<void> LightComputer::fill(LightGrid& light, const Pass& pass,
+                                 std::vector<std::size_t> wanted, Reporter& progress) {
+  std::erase_if(wanted, [&](std::size_t number) {
+    return light.nodes[LightGrid::kNodeBytes * number + kChannels] != kMissingNode;
+  });
+  if (wanted.empty()) return {};
+  const auto around = spread(wanted, kFilterReach);
+  SLF_TRY(solve(around, pass, progress));
+  for (const std::size_t number : around) near_[number] = index_[number];
+  const auto done = filter_light(medium_, light, near_, around, wanted, nodes_, pass.number(),
+                                 threads_, progress);
+  for (const std::size_t number : around) near_[number] = kNoNode;
+  return done;
+}
+
+Result<void> LightComputer::solve(std::vector<std::size_t> numbers, const Pass& pass,
+                                  Reporter& progress) {
+  const std::size_t p = pass.number();
+  if (pass.estimate) SLF_TRY(fill(estimate_, passes_.front(), numbers, progress));
+  const LightSolver solver(medium_, illumination_, options_, blank_, depth_);
+  std::erase_if(numbers, [&](std::size_t number) { return nodes_[index_[number]].solved[p]; });
+  while (!numbers.empty()) {
+    std::vector<std::size_t> again;
+    SLF_TRY(solve_all(solver, numbers, pass, threads_, progress,
+                      [&](std::size_t k, const NodeLight& node) {
+                        NodeLight& to = nodes_[index_[numbers[k]]];
+                        if (!pass.estimate)
+                          to = node;
+                        else if (std::isnan(node.indirect[1].mean.x))
+                          return again.push_back(numbers[k]);
+                        else  // other points, which may all lie beside the matter
+                          to.indirect[1] = node.lit ? node.indirect[1] : to.indirect[0];
+                        to.solved[p] = true;
+                      }));
+    numbers = std::move(again);
+    if (!numbers.empty()) SLF_TRY(fill(estimate_, passes_.front(), missed_->take(), progress));
+  }
+  return {};
+}
+
 Result<LightGrid> compute_light(const Medium& medium, const Illumination& illumination,
                                 const LightOptions& options, unsigned threads,
                                 const ProgressCallback& progress) {
-  LightGrid light = plan_light(medium.grid(), illumination, options);
-  const auto extinction = SLF_TRY(node_extinctions(medium, light, threads));
-  const std::vector<float> depth = depth_from_outside(medium, light, extinction);
-  std::vector<std::size_t> numbers;
-  std::vector<std::uint32_t> index(light.size(), kNoNode);
-  for (std::size_t number = 0; number < light.size(); ++number)
-    if (can_be_seen(light, depth, number) &&
-        near_matter(medium.grid(), light, node_at(light, number))) {
-      index[number] = static_cast<std::uint32_t>(numbers.size());
-      numbers.push_back(number);
-    }
-  std::vector<Pass> passes{{options.samples, 0, nullptr}};
-  if (options.mode == Lighting::global && options.bounces > 0)
-    passes = {{(options.samples + 15) / 16, options.bounces - 1, nullptr},
-              {options.samples, options.bounces, &light}};
-  Progress all;
-  for (const Pass& pass : passes) all.total += numbers.size() * cost(pass);
-  Reporter reporter(progress, all, "stopped while the light volume was computed");
-  SLF_TRY(reporter.add(0));
-
-  const LightSolver solver(medium, illumination, options, light, depth);
-  std::vector<NodeLight> nodes(numbers.size());
-  for (const Pass& pass : passes) {
-    SLF_TRY(solve_all(solver, numbers, pass, threads, reporter,
-                      [&](std::size_t k, const NodeLight& node) {
-                        if (!pass.estimate)
-                          nodes[k] = node;
-                        else if (node.lit)  // other points, which may all lie beside the matter
-                          nodes[k].indirect = node.indirect;
-                      }));
-    SLF_TRY(filter_light(medium, light, index, numbers, nodes, threads, reporter));
-  }
+  LightComputer computer(medium, illumination, options, threads);
+  SLF_TRY(computer.prepare());
+  LightGrid light = computer.blank();
+  SLF_TRY(computer.compute(light, computer.nodes(), progress));
   return light;
 }
 

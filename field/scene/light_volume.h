@@ -5,6 +5,7 @@
 #include <string>
 
 #include "field/scene/illumination.h"
+#include "field/scene/light_filter.h"
 #include "field/scene/light_grid.h"
 #include "field/scene/medium.h"
 #include "slf/error.h"
@@ -18,7 +19,9 @@ namespace slf {
 [[nodiscard]] LightGrid plan_light(const RayGrid& grid, const Illumination& illumination,
                                    const LightOptions& options);
 
-/// Computes the light at the nodes around all that a view can show.
+/// Computes the light at the nodes around all that a view can show, or at some of them: the result
+/// at a node does not depend on which others were computed. The arguments must outlive it.
+/// Thread-safety: none.
 ///
 /// A node stands for the matter around it: up to 32 points within half a spacing, weighted by their
 /// extinction and by how much of them can be seen from outside. Points that weigh little are
@@ -49,8 +52,54 @@ namespace slf {
 /// Deep nodes, which views hardly show, get fewer paths and marches: in proportion to exp(-d/2) at
 /// an optical depth d. Matter deeper than 7 is left dark.
 ///
-/// The result depends on the scene and the options, not on `threads` (0: all). Progress counts
-/// paths, and other work by the paths that would take as long. cancelled: stopped by `progress`.
+/// Some nodes: a node depends on those within kFilterReach of it, and, through paths, on estimates
+/// elsewhere. Which ones, paths tell: nodes whose paths missed any are solved again.
+///
+/// The result depends on the scene and the options, not on `threads` (0: all).
+class LightComputer {
+ public:
+  LightComputer(const Medium& medium, const Illumination& illumination, const LightOptions& options,
+                unsigned threads);
+  ~LightComputer();
+  LightComputer(const LightComputer&) = delete;
+  LightComputer& operator=(const LightComputer&) = delete;
+
+  /// Finds the nodes. Call it once, first. Errors as parallel_for().
+  [[nodiscard]] Result<void> prepare();
+  /// The numbers of all nodes that can have light.
+  [[nodiscard]] const std::vector<std::size_t>& nodes() const { return numbers_; }
+  /// A grid in which they are missing, and all others are dark.
+  [[nodiscard]] const LightGrid& blank() const { return blank_; }
+  /// `numbers`, and the nodes up to `reach` places away along chains of neighbours.
+  [[nodiscard]] std::vector<std::size_t> spread(std::vector<std::size_t> numbers, int reach) const;
+  /// Sets those of the nodes `wanted`, a subset of nodes(), that are missing in `light`. Progress
+  /// counts paths, and other work by the paths that would take as long. cancelled: stopped by
+  /// `progress`.
+  [[nodiscard]] Result<void> compute(LightGrid& light, const std::vector<std::size_t>& wanted,
+                                     const ProgressCallback& progress);
+
+  struct Pass;
+
+ private:
+  [[nodiscard]] Result<void> fill(LightGrid& light, const Pass& pass,
+                                  std::vector<std::size_t> wanted, Reporter& progress);
+  [[nodiscard]] Result<void> solve(std::vector<std::size_t> numbers, const Pass& pass,
+                                   Reporter& progress);
+
+  const Medium& medium_;
+  const Illumination& illumination_;
+  const LightOptions& options_;
+  unsigned threads_;
+  LightGrid blank_, estimate_;         // what the first pass found
+  std::optional<MissedNodes> missed_;  // of the estimate
+  std::vector<float> depth_;
+  std::vector<std::size_t> numbers_;
+  std::vector<std::uint32_t> index_, near_;  // of `nodes_`; the latter while they are filtered
+  std::vector<NodeLight> nodes_;
+  std::vector<Pass> passes_;
+};
+
+/// All nodes. Errors as LightComputer.
 [[nodiscard]] Result<LightGrid> compute_light(const Medium& medium,
                                               const Illumination& illumination,
                                               const LightOptions& options, unsigned threads,

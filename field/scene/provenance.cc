@@ -148,10 +148,4 @@ RaycastOptions raycast_options(std::string_view text) {
   return options;
 }
 
-std::optional<ToneMapping> view_tone(std::string_view provenance) {
-  const LightOptions lighting = raycast_options(provenance).lighting;
-  if (lighting.mode == Lighting::direct || !lighting.linear) return std::nullopt;
-  return lighting.tone;
-}
-
 }  // namespace slf

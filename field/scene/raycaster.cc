@@ -1,11 +1,16 @@
 #include "slf/raycaster.h"
 
+#include <algorithm>
+#include <array>
 #include <cassert>
 #include <mutex>
 #include <optional>
+#include <shared_mutex>
+#include <stdexcept>
 #include <string_view>
 
 #include "base/file.h"
+#include "base/parallel.h"
 #include "base/try.h"
 #include "field/scene/light_code.h"
 #include "field/scene/light_volume.h"
@@ -14,25 +19,85 @@
 
 namespace slf {
 
+namespace {
+
+LightGrid plan_of(const VolumeScene& scene) {
+  return plan_light(scene.grid, illuminate(scene.lighting, scene.bounds), scene.lighting);
+}
+
+/// The light volume of a scene, of which nodes are computed when rays need them.
+class LightOnDemand {
+ public:
+  LightOnDemand(VolumeScene& scene, unsigned threads)
+      : scene_(scene),
+        medium_(scene.grid),
+        illumination_(illuminate(scene.lighting, scene.bounds)),
+        computer_(medium_, illumination_, scene.lighting, threads) {}
+
+  [[nodiscard]] Result<void> prepare() {
+    SLF_TRY(computer_.prepare());
+    missed_.emplace(computer_.blank().size());
+    LightGrid light = computer_.blank();
+    light.missed = &*missed_;
+    scene_.grid.light_volume = std::move(light);
+    scene_.grid.table.albedos = medium_.albedos();
+    return {};
+  }
+
+  /// Whether the light of all these rays was known.
+  bool trace(std::span<const Segment> rays, std::span<RaySample> out, RayCounts& counts) {
+    const std::shared_lock lock(mutex_);
+    counts = trace_rays(scene_.grid, rays, out);
+    return !missed_->any();
+  }
+
+  /// Computes what rays missed, and the nodes around: near rays will need them.
+  [[nodiscard]] Result<void> compute_missed(const ProgressCallback& progress) {
+    const std::lock_guard lock(mutex_);
+    if (!missed_->any()) return {};
+    return computer_.compute(scene_.grid.light_volume, computer_.spread(missed_->take(), 1),
+                             progress);
+  }
+
+ private:
+  VolumeScene& scene_;
+  const Medium medium_;
+  const Illumination illumination_;
+  LightComputer computer_;
+  std::optional<MissedNodes> missed_;
+  std::shared_mutex mutex_;  // of the light: read while rays are traced
+};
+
+}  // namespace
+
 struct Raycaster::State {
   std::unique_ptr<VolumeScene> scene;
   ToneMapper tone;
   bool mapped;                                      // whether samples are tone-mapped
   std::optional<LightVolumeOptions> pending_light;  // until the light volume is computed
   std::mutex preparing{};                           // guards pending_light, and adopt()
+  std::unique_ptr<LightOnDemand> on_demand{};       // while pending, once rays need light
 
   void adopt(LightGrid light, const Medium& medium) {
     scene->grid.light_volume = std::move(light);
     scene->grid.table.albedos = medium.albedos();
     pending_light.reset();
+    on_demand.reset();
+  }
+
+  /// Null: the light volume is complete, or there is none.
+  [[nodiscard]] Result<LightOnDemand*> light_on_demand() {
+    if (!pending_light) return nullptr;
+    const std::lock_guard lock(preparing);
+    if (on_demand) return on_demand.get();
+    auto made = std::make_unique<LightOnDemand>(*scene, pending_light->threads);
+    SLF_TRY(made->prepare());
+    on_demand = std::move(made);
+    return on_demand.get();
   }
 };
 
 namespace {
-
-LightGrid plan_of(const VolumeScene& scene) {
-  return plan_light(scene.grid, illuminate(scene.lighting, scene.bounds), scene.lighting);
-}
 
 /// usage: `path` exists and is no light volume, so it must not be replaced by one.
 Result<void> check_light_file(const std::string& path) {
@@ -103,8 +168,23 @@ Result<void> Raycaster::prepare() const {
 
 std::vector<std::byte> Raycaster::light() const {
   const VolumeScene& scene = *state_->scene;
-  if (scene.grid.light_volume.nodes.empty()) return {};
+  if (state_->pending_light || scene.grid.light_volume.nodes.empty()) return {};
   return encode_light(light_key(scene.provenance), scene.grid.light_volume);
+}
+
+Result<void> Raycaster::prepare_for(std::span<const Segment> rays) const {
+  if (state_->pending_light && !state_->pending_light->file.empty()) return prepare();
+  LightOnDemand* light = SLF_TRY(state_->light_on_demand());
+  if (light == nullptr) return {};
+  constexpr std::size_t kRays = 256;
+  const LightVolumeOptions& options = *state_->pending_light;
+  SLF_TRY(parallel_for((rays.size() + kRays - 1) / kRays, options.threads, [&](std::uint64_t k) {
+    std::array<RaySample, kRays> samples;
+    RayCounts counts;
+    const auto some = rays.subspan(k * kRays, std::min(kRays, rays.size() - k * kRays));
+    light->trace(some, std::span(samples).first(some.size()), counts);
+  }));
+  return light->compute_missed(options.progress);
 }
 
 bool Raycaster::set_light(std::span<const std::byte> light) const {
@@ -132,7 +212,14 @@ void Raycaster::trace_many(std::span<const Segment> rays, std::span<RaySample> o
 
 RayCounts Raycaster::trace_counted(std::span<const Segment> rays, std::span<RaySample> out) const {
   assert(rays.size() == out.size());
-  const RayCounts counts = trace_rays(state_->scene->grid, rays, out);
+  RayCounts counts;
+  const auto light = state_->light_on_demand();
+  Result<void> ok = light ? Result<void>{} : tl::unexpected(light.error());
+  if (ok && *light == nullptr)
+    counts = trace_rays(state_->scene->grid, rays, out);
+  else
+    while (ok && !(*light)->trace(rays, out, counts)) ok = (*light)->compute_missed({});
+  if (!ok) throw std::runtime_error(ok.error().message);
   if (state_->mapped)
     for (RaySample& sample : out) sample.rgba = state_->tone(sample.rgba);
   return counts;

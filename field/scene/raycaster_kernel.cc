@@ -1,6 +1,7 @@
 #include "field/scene/raycaster_kernel.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <cstring>
 #include <limits>
@@ -26,8 +27,8 @@ namespace {
 // of short loops over the batch: vector arithmetic, and look-ups lane by lane. So neither waits for
 // the other, and their data stay in the first-level cache. Lanes do not mix: a ray's sample does
 // not depend on the other rays.
-constexpr std::size_t kBatch = 64;
-static_assert(kBatch % kLanes == 0 && kMaxSamples == kBatch);
+constexpr std::size_t kBatch = kMaxSamples;
+static_assert(kBatch % kLanes == 0);
 
 /// The rays that are being traced. Ray i of the batch is element i of each array. Positions are in
 /// cells, lengths in units of the grid.
@@ -53,12 +54,14 @@ struct RayBatch {
   // ends.
   alignas(64) std::int32_t cell[3][kBatch];
   alignas(64) std::int32_t brick[kBatch];
-  alignas(64) std::int32_t bit[kBatch];  // of the cell in RayGrid::visible_cells
+  alignas(64) std::int32_t bit[kBatch];    // of the cell in RayGrid::visible_cells
+  alignas(64) std::int32_t shown[kBatch];  // that bit: 1 if the cell can be visible
   alignas(64) std::int32_t distance[kBatch];
   alignas(64) float from[kBatch];
   alignas(64) float to[kBatch];
   alignas(64) float within[3][kBatch];  // the beginning in its cell, in voxels
   alignas(64) float across[3][kBatch];  // from there to the end
+  alignas(64) float span[kBatch];       // its length
 };
 
 /// Puts a ray into place i of the batch. False: it misses the visible box.
@@ -177,6 +180,7 @@ HWY_INLINE void find_intervals(const RayGrid& grid, RayBatch& batch) {
                 hn::RebindMask(kFloats, hn::Load(kInts, batch.distance + i) == hn::Zero(kInts)));
     to = hn::IfThenElse(divided, from + length / steps, hn::Max(from, to));
     hn::Store(to, kFloats, batch.to + i);
+    hn::Store(to - from, kFloats, batch.span + i);
     for (int axis = 0; axis < 3; ++axis) {
       const Floats delta = hn::Load(kFloats, batch.delta[axis] + i);
       const Ints cell = hn::ShiftRightSame(hn::Load(kInts, batch.cell[axis] + i), grid.cell_shift);
@@ -220,7 +224,7 @@ constexpr float kOpaque = 1 - 1.f / 256;
 /// Adds the values of sample s that can be visible to the projection of its ray.
 template <class S>
 void project(const RayGrid& grid, const Samples<S>& samples, std::size_t s, RayBatch& batch) {
-  const std::size_t i = samples.ray[s];
+  const auto i = static_cast<std::size_t>(samples.ray[s]);
   for (int k = 0; k <= kPieces; ++k) {
     const float value = samples.value[k][s];
     const auto entry = static_cast<std::size_t>(samples.row[s] + std::lround(value));
@@ -259,17 +263,19 @@ void finish_projection(const RayGrid& grid, RayBatch& batch, std::size_t i, RayS
 /// Removes the rays that have ended, and replaces them by new rays or by the batch's last ones.
 void replace_finished(const RayGrid& grid, std::span<const Segment> rays, std::size_t& next,
                       RayBatch& batch, std::span<RaySample> out) {
-  const auto finished = [&](std::size_t i) {
-    return batch.from[i] >= batch.end[i] || batch.alpha[i] > kOpaque;
-  };
   // Backwards, so that a ray that moves down was checked before.
   for (std::size_t group = (batch.size + kLanes - 1) / kLanes; group-- > 0;) {
     const std::size_t begin = group * kLanes;
     const auto going = hn::Load(kFloats, batch.end + begin) > hn::Load(kFloats, batch.from + begin);
     const auto opaque = hn::Load(kFloats, batch.alpha + begin) > hn::Set(kFloats, kOpaque);
-    if (hn::AllTrue(kFloats, hn::AndNot(opaque, going))) continue;
-    for (std::size_t i = std::min(begin + kLanes, batch.size); i-- > begin;) {
-      if (!finished(i)) continue;
+    const auto ended =
+        hn::And(hn::Not(hn::AndNot(opaque, going)), hn::FirstN(kFloats, batch.size - begin));
+    std::uint8_t bytes[8] = {};
+    hn::StoreMaskBits(kFloats, ended, bytes);
+    for (unsigned bits = bytes[0] | bytes[1] << 8; bits != 0;) {
+      const int lane = std::bit_width(bits) - 1;
+      bits ^= 1u << lane;
+      const std::size_t i = begin + static_cast<std::size_t>(lane);
       RaySample& sample = out[batch.ray[i]];
       if (grid.projection != Projection::none) finish_projection(grid, batch, i, sample);
       sample.rgba.a = batch.alpha[i];
@@ -285,33 +291,115 @@ void replace_finished(const RayGrid& grid, std::span<const Segment> rays, std::s
   }
 }
 
-/// Copies ray i's interval to the samples.
-template <class T, class S, bool kLabels>
-HWY_INLINE void add_sample(const RayGrid& grid, const RayBatch& batch, std::size_t i, T* border,
-                           Samples<S>& samples) {
-  const std::size_t s = samples.size++;
-  int cell[3];
-  std::size_t nearest = 0;
-  for (int axis = 2; axis >= 0; --axis) {
-    const int part = batch.cell[axis][i];
-    samples.cell[axis][s] = cell[axis] = part >> grid.cell_shift;
-    samples.start[axis][s] = batch.within[axis][i];
-    samples.across[axis][s] = batch.across[axis][i];
-    if (grid.cell_shift)
-      nearest = nearest * static_cast<std::size_t>(grid.dims[axis]) +
-                static_cast<std::size_t>((part + 1) >> 1);
+/// Copies the intervals in cells that can be visible to the samples.
+template <class S>
+HWY_INLINE void take(const RayBatch& batch, Samples<S>& samples) {
+  const auto copy_all = [&](const auto& copy) {
+    for (int axis = 0; axis < 3; ++axis) {
+      copy(batch.cell[axis], samples.cell[axis]);
+      copy(batch.within[axis], samples.start[axis]);
+      copy(batch.across[axis], samples.across[axis]);
+    }
+    copy(batch.span, samples.length);
+  };
+  samples.size = 0;
+#if HWY_TARGET <= HWY_AVX3  // compresses fast
+  for (std::size_t i = 0; i < batch.size; i += kLanes) {
+    const auto shown = hn::And(hn::Load(kInts, batch.shown + i) != hn::Zero(kInts),
+                               hn::FirstN(kInts, batch.size - i));
+    copy_all([&](const auto* from, auto* to) {
+      constexpr hn::ScalableTag<std::remove_cvref_t<decltype(*from)>> d;
+      hn::StoreU(hn::Compress(hn::Load(d, from + i), hn::RebindMask(d, shown)), d,
+                 to + samples.size);
+    });
+    hn::StoreU(hn::Compress(hn::Iota(kInts, static_cast<std::int32_t>(i)), shown), kInts,
+               samples.ray + samples.size);
+    samples.size += hn::CountTrue(kInts, shown);
   }
-  samples.length[s] = batch.to[i] - batch.from[i];
-  samples.ray[s] = static_cast<std::uint8_t>(i);
-  if constexpr (kLabels)
-    samples.row[s] = reinterpret_cast<const T*>(grid.voxels)[nearest];
-  else
+#else
+  for (std::size_t i = 0; i < batch.size; ++i) {
+    samples.ray[samples.size] = static_cast<std::int32_t>(i);
+    samples.size += static_cast<std::size_t>(batch.shown[i]);
+  }
+  copy_all([&](const auto* from, auto* to) {
+    for (std::size_t s = 0; s < samples.size; ++s) to[s] = from[samples.ray[s]];
+  });
+#endif
+}
+
+/// If cells are split: finds each sample's row of the table, that of the nearest voxel, and its
+/// whole cell.
+template <class T, class S>
+void find_rows(const RayGrid& grid, Samples<S>& samples) {
+  for (std::size_t s = 0; s < samples.size; ++s) {
+    std::size_t nearest = 0;
+    for (int axis = 2; axis >= 0; --axis) {
+      std::int32_t& cell = samples.cell[axis][s];
+      nearest = nearest * static_cast<std::size_t>(grid.dims[axis]) +
+                static_cast<std::size_t>((cell + 1) >> 1);
+      cell >>= 1;
+    }
     samples.row[s] =
-        grid.rows.empty() ? 0 : grid.rows[nearest] * static_cast<std::int32_t>(grid.table.entries);
-  const bool shaded = grid.shade || !grid.light_volume.nodes.empty();
-  const Neighbourhood<T> voxels = neighbourhood(grid, cell[0], cell[1], cell[2], border);
-  for (int r = 0; r < (shaded ? 12 : kLabels ? 0 : 4); ++r)
-    samples.rows[r][s] = take_row<T, kLabels>(grid, voxels.at(kRowY[r], kRowZ[r]));
+        grid.labels ? static_cast<std::int32_t>(reinterpret_cast<const T*>(grid.voxels)[nearest])
+                    : grid.rows[nearest] * static_cast<std::int32_t>(grid.table.entries);
+  }
+}
+
+/// Loads the voxels around each sample: the inner rows or all.
+template <class T, bool kLabels, int kRows, class S>
+HWY_INLINE void load_rows(const RayGrid& grid, Samples<S>& samples) {
+  const std::ptrdiff_t stride_y = grid.dims[0], stride_z = stride_y * grid.dims[1];
+  std::uint32_t inner[3];  // cells along each axis that have neighbours on both sides
+  for (int axis = 0; axis < 3; ++axis)
+    inner[axis] = static_cast<std::uint32_t>(std::max(grid.dims[axis] - 3, 0));
+  std::ptrdiff_t offset[kRows], border_offset[kRows];
+  for (int r = 0; r < kRows; ++r) {
+    offset[r] = (kRowZ[r] - 1) * stride_z + (kRowY[r] - 1) * stride_y - 1;
+    border_offset[r] = kRowZ[r] * 16 + kRowY[r] * 4;
+  }
+  T border[64];
+  for (std::size_t s = 0; s < samples.size; ++s) {
+    const std::int32_t x = samples.cell[0][s], y = samples.cell[1][s], z = samples.cell[2][s];
+    const T* from = reinterpret_cast<const T*>(grid.voxels) + z * stride_z + y * stride_y + x;
+    const std::ptrdiff_t* to_row = offset;
+    const auto is_inner = [&](int axis) {
+      return static_cast<std::uint32_t>(samples.cell[axis][s] - 1) < inner[axis];
+    };
+    if (HWY_UNLIKELY(!(is_inner(0) & is_inner(1) & is_inner(2)))) {
+      copy_clamped(grid, x, y, z, border);
+      from = border;
+      to_row = border_offset;
+    }
+    for (int r = 0; r < kRows; ++r)
+      samples.rows[r][s] = take_row<T, kLabels>(grid, from + to_row[r]);
+  }
+}
+
+/// Composites the samples front to back.
+template <class S>
+HWY_INLINE void composite(const RayGrid& grid, const Samples<S>& samples, RayBatch& batch,
+                          std::span<RaySample> out, RayCounts& counts) {
+  const bool lit = !grid.light_volume.nodes.empty();
+  for (std::size_t s = 0; s < samples.size; ++s) {
+    const auto i = static_cast<std::size_t>(samples.ray[s]);
+    const float left = 1 - batch.alpha[i];
+    glm::vec4 color(0);
+    for (int k = 0; k < kPieces; ++k) {
+      const auto entry = static_cast<std::size_t>(samples.entry[k][s]);
+      const glm::vec4& own = grid.table.colors[entry];
+      if (lit) {
+        const glm::vec4 &light = samples.light[k][s], &albedo = grid.table.albedos[entry];
+        color += light * (albedo + light.w * (own - albedo));
+      } else {
+        color += samples.share[k][s] * own;
+      }
+    }
+    out[batch.ray[i]].rgba += left * color;  // its alpha is set when the ray ends
+    const float opacity = left * samples.opacity[s];
+    batch.alpha[i] += opacity;
+    batch.depth[i] += opacity * (batch.from[i] + samples.center[s] * samples.length[s]);
+    counts.visible += samples.opacity[s] > 0;
+  }
 }
 
 template <class T, bool kLabels>
@@ -319,8 +407,7 @@ RayCounts trace_typed(const RayGrid& grid, std::span<const Segment> rays,
                       std::span<RaySample> out) {
   using S = std::conditional_t<kLabels, std::uint8_t, T>;
   RayBatch batch{};
-  Samples<S> samples{};
-  T border[64];
+  Samples<S> samples;
   std::fill(out.begin(), out.end(), RaySample{});
   const bool lit = !grid.light_volume.nodes.empty();
 
@@ -330,47 +417,27 @@ RayCounts trace_typed(const RayGrid& grid, std::span<const Segment> rays,
     if (start_ray(grid, rays[next], batch, batch.size)) batch.ray[batch.size++] = next;
   while (batch.size > 0) {
     find_bricks(grid, batch);
-    for (std::size_t i = 0; i < batch.size; ++i)
-      batch.distance[i] = grid.distance[static_cast<std::size_t>(batch.brick[i])];
+    for (std::size_t i = 0; i < batch.size; ++i) {
+      const auto brick = static_cast<std::size_t>(batch.brick[i]);
+      batch.distance[i] = grid.distance[brick];
+      batch.shown[i] = grid.visible_cells[brick] >> batch.bit[i] & 1;
+    }
     find_intervals(grid, batch);
-    // Find what intervals in visible cells show.
-    samples.size = 0;
-    for (std::size_t i = 0; i < batch.size; ++i)
-      if (batch.distance[i] == 0 &&
-          (grid.visible_cells[static_cast<std::size_t>(batch.brick[i])] >> batch.bit[i] & 1) != 0)
-        add_sample<T, S, kLabels>(grid, batch, i, border, samples);
+    take(batch, samples);
+    if (grid.cell_shift) find_rows<T>(grid, samples);
+    if (lit || grid.shade)
+      load_rows<T, kLabels, 12>(grid, samples);
+    else if (!kLabels)
+      load_rows<T, kLabels, 4>(grid, samples);
     find_opacity<S, kLabels>(grid, samples);
     if (lit)
       find_light(grid, samples);
     else if (grid.shade)
       shade(grid, samples);
-    // Composite front to back.
-    for (std::size_t s = 0; s < samples.size; ++s) {
-      if (grid.projection != Projection::none) {
-        project(grid, samples, s, batch);
-        continue;
-      }
-      if (!(samples.opacity[s] > 0)) continue;
-      const std::size_t i = samples.ray[s];
-      const float left = 1 - batch.alpha[i];
-      glm::vec3 color(0);
-      for (int k = 0; k < kPieces; ++k) {
-        const auto entry = static_cast<std::size_t>(samples.entry[k][s]);
-        const glm::vec3 own(grid.table.colors[entry]);
-        if (!lit) {
-          color += samples.share[k][s] * own;
-          continue;
-        }
-        const glm::vec4& light = samples.light[k][s];
-        color += glm::vec3(light) * glm::mix(glm::vec3(grid.table.albedos[entry]), own, light.w);
-      }
-      glm::vec4& to = out[batch.ray[i]].rgba;
-      to += glm::vec4(left * color, 0);
-      const float opacity = left * samples.opacity[s];
-      batch.alpha[i] += opacity;
-      batch.depth[i] += opacity * (batch.from[i] + samples.center[s] * samples.length[s]);
-      ++counts.visible;
-    }
+    if (grid.projection == Projection::none)
+      composite(grid, samples, batch, out, counts);
+    else
+      for (std::size_t s = 0; s < samples.size; ++s) project(grid, samples, s, batch);
     counts.steps += batch.size;
     counts.samples += samples.size;
     advance(grid, batch);

@@ -38,16 +38,7 @@ struct Row {
   T voxels[4];
 };
 
-/// The 4×4×4 voxels around a cell. The value needs the inner rows, central differences the outer
-/// ones. A view of the volume itself or, at its border, of a clamped copy.
-template <class T>
-struct Neighbourhood {
-  const T* first;
-  std::ptrdiff_t stride_y, stride_z;
-
-  HWY_INLINE const T* at(int y, int z) const { return first + z * stride_z + y * stride_y; }
-};
-
+/// Copies the 4×4×4 voxels around a cell at the border of the volume.
 template <class T>
 HWY_NOINLINE void copy_clamped(const RayGrid& grid, int x, int y, int z, T* to) {
   const auto* voxels = reinterpret_cast<const T*>(grid.voxels);
@@ -58,19 +49,6 @@ HWY_NOINLINE void copy_clamped(const RayGrid& grid, int x, int y, int z, T* to) 
     const std::ptrdiff_t cz = std::clamp(z - 1 + (k >> 4), 0, nz - 1);
     to[k] = voxels[(cz * ny + cy) * nx + cx];
   }
-}
-
-template <class T>
-HWY_INLINE Neighbourhood<T> neighbourhood(const RayGrid& grid, int x, int y, int z, T* border) {
-  const auto [nx, ny, nz] = grid.dims;
-  if (HWY_UNLIKELY(x < 1 || y < 1 || z < 1 || x >= nx - 2 || y >= ny - 2 || z >= nz - 2)) {
-    copy_clamped(grid, x, y, z, border);
-    return {border, 4, 16};
-  }
-  const std::ptrdiff_t stride_z = std::ptrdiff_t{nx} * ny;
-  return {reinterpret_cast<const T*>(grid.voxels) + (z - 1) * stride_z +
-              (y - 1) * std::ptrdiff_t{nx} + (x - 1),
-          nx, stride_z};
 }
 
 /// A row as loaded: voxels or, in label volumes, 1 where the label is visible and 0 elsewhere.
@@ -132,7 +110,8 @@ HWY_INLINE Columns load_columns(const Row<T>* rows) {
 
 HWY_INLINE Floats lerp(Floats a, Floats b, Floats t) { return hn::MulAdd(t, b - a, a); }
 
-/// The rows of a neighbourhood in storage order: inner ones first.
+/// The rows around a cell, of 4×4 in y and z. The value needs the first four, the inner ones,
+/// central differences all.
 constexpr int kRowY[12] = {1, 2, 1, 2, 0, 0, 3, 3, 1, 2, 1, 2};
 constexpr int kRowZ[12] = {1, 1, 2, 2, 1, 2, 1, 2, 0, 0, 3, 3};
 

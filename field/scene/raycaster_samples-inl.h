@@ -23,31 +23,33 @@ namespace {
 constexpr int kPieces = 3;
 /// Each piece is lit at several places, because normals change quickly below a surface.
 constexpr int kPoints = 3;
-constexpr std::size_t kMaxSamples = 64;
+constexpr std::size_t kMaxSamples = 128;
+/// Writes of whole vectors end behind the last sample.
+constexpr std::size_t kPadded = kMaxSamples + kLanes;
 
 /// Intervals in which a ray may see something, each in one cell of the volume, along which values
-/// and gradients are cubic polynomials.
+/// and gradients are cubic polynomials. Behind the last one, arrays hold anything.
 template <class S>
 struct Samples {
   std::size_t size = 0;
-  alignas(64) Row<S> rows[12][kMaxSamples];
-  alignas(64) float start[3][kMaxSamples];   // in the cell, 0 to 1
-  alignas(64) float across[3][kMaxSamples];  // from start to end
-  alignas(64) float length[kMaxSamples];
-  alignas(64) std::int32_t cell[3][kMaxSamples];
-  alignas(64) std::int32_t row[kMaxSamples];  // where the row of its structure begins in the table
-  std::uint8_t ray[kMaxSamples];              // in the batch
+  alignas(64) Row<S> rows[12][kPadded];
+  alignas(64) float start[3][kPadded];   // in the cell, 0 to 1
+  alignas(64) float across[3][kPadded];  // from start to end
+  alignas(64) float length[kPadded];
+  alignas(64) std::int32_t cell[3][kPadded];
+  alignas(64) std::int32_t row[kPadded] = {};  // where that of its structure begins in the table
+  alignas(64) std::int32_t ray[kPadded];       // in the batch
   // Positions in the row, at the ends of the pieces.
-  alignas(64) float value[kPieces + 1][kMaxSamples];
+  alignas(64) float value[kPieces + 1][kPadded];
   // What the interval adds to the light that enters it, of which each piece adds a share.
-  alignas(64) float opacity[kMaxSamples];
-  alignas(64) float center[kMaxSamples];  // opacity-weighted mean position, 0 to 1
-  alignas(64) float share[kPieces][kMaxSamples];
-  alignas(64) float place[kPieces][kMaxSamples];         // mean positions, 0 to 1
-  alignas(64) float reach[kPieces][kMaxSamples];         // how far around them most of it is seen
-  alignas(64) std::int32_t entry[kPieces][kMaxSamples];  // of the table, for the mean value there
+  alignas(64) float opacity[kPadded];
+  alignas(64) float center[kPadded];  // opacity-weighted mean position, 0 to 1
+  alignas(64) float share[kPieces][kPadded];
+  alignas(64) float place[kPieces][kPadded];         // mean positions, 0 to 1
+  alignas(64) float reach[kPieces][kPadded];         // how far around them most of it is seen
+  alignas(64) std::int32_t entry[kPieces][kPadded];  // of the table, for the mean value there
   // With a light volume: RGB light at a piece times its share, and how much of it is a surface.
-  alignas(64) glm::vec4 light[kPieces][kMaxSamples];
+  alignas(64) glm::vec4 light[kPieces][kPadded];
 };
 
 /// Trilinear interpolation between the corners of kLanes cells: those along x at (y, z) = (0, 0),
@@ -96,6 +98,27 @@ HWY_INLINE Floats table_position(const TransferTable& table, Floats value) {
   return hn::Min(hn::Max(at, hn::Zero(kFloats)), last);
 }
 
+/// The integrals at kLanes entries of the table.
+HWY_INLINE void load_integrals(const TransferTable& table, Ints entry, Floats& before,
+                               Floats& extinction) {
+#if HWY_TARGET == HWY_SCALAR
+  const float* integrals = &table.integrals[0].before;
+  before = hn::GatherIndex(kFloats, integrals, hn::ShiftLeft<1>(entry));
+  extinction = hn::GatherIndex(kFloats, integrals + 1, hn::ShiftLeft<1>(entry));
+#else
+  // Both floats of an entry at once.
+  constexpr hn::ScalableTag<std::int64_t> pairs;
+  constexpr hn::Half<decltype(kInts)> half;
+  const auto* integrals = reinterpret_cast<const std::int64_t*>(table.integrals.data());
+  const auto gather = [&](auto entries) {
+    return hn::BitCast(kFloats, hn::GatherIndex(pairs, integrals, hn::PromoteTo(pairs, entries)));
+  };
+  const Floats low = gather(hn::LowerHalf(half, entry)), high = gather(hn::UpperHalf(half, entry));
+  before = hn::ConcatEven(kFloats, high, low);
+  extinction = hn::ConcatOdd(kFloats, high, low);
+#endif
+}
+
 /// Finds the opacity of each sample and its pieces. Labels are constant along an interval; a row of
 /// the table is one label.
 template <class S, bool kLabels>
@@ -120,7 +143,7 @@ HWY_INLINE void find_opacity(const RayGrid& grid, Samples<S>& samples) {
     }
     // The places of the pieces' ends in the table.
     Floats at[kPieces + 1], within[kPieces + 1];
-    alignas(64) std::int32_t entries[kPieces + 1][kLanes];
+    Ints entries[kPieces + 1];
     for (int k = 0; k <= kPieces; ++k) {
       Ints entry = hn::Zero(kInts);
       at[k] = zero;
@@ -132,17 +155,12 @@ HWY_INLINE void find_opacity(const RayGrid& grid, Samples<S>& samples) {
       }
       within[k] = at[k] - hn::ConvertTo(kFloats, entry);
       hn::Store(at[k], kFloats, samples.value[k] + i);
-      hn::Store(hn::Min(entry + row, end), kInts, entries[k]);
+      entries[k] = hn::Min(entry + row, end);
     }
-    // Both floats of an entry at once, lane by lane: faster than two gathers.
-    alignas(64) TransferTable::Integral integrals[kPieces + 1][kLanes];
-    for (int k = 0; k <= kPieces; ++k)
-      for (std::size_t lane = 0; lane < kLanes; ++lane)
-        integrals[k][lane] = table.integrals[static_cast<std::size_t>(entries[k][lane])];
     // The integral of the extinction up to each of them.
     Floats before[kPieces + 1], extinction[kPieces + 1];
     for (int k = 0; k <= kPieces; ++k) {
-      hn::LoadInterleaved2(kFloats, &integrals[k][0].before, before[k], extinction[k]);
+      load_integrals(table, entries[k], before[k], extinction[k]);
       before[k] = hn::MulAdd(within[k], extinction[k], before[k]);
     }
     const Floats length = hn::Load(kFloats, samples.length + i) * piece;
@@ -186,83 +204,127 @@ HWY_INLINE void find_opacity(const RayGrid& grid, Samples<S>& samples) {
   }
 }
 
-/// Twice the central differences of kLanes samples, trilinear in their cells.
-struct Gradient {
-  Trilinear along[3];
+/// Polynomials of a sample's position, 0 to 1 along its interval: a + t (b - a), where t goes from
+/// `start` by `across`.
+template <int N>
+HWY_INLINE void mix(const Floats (&a)[N], const Floats (&b)[N], Floats start, Floats across,
+                    Floats (&mixed)[N + 1]) {
+  Floats step[N];
+  for (int k = 0; k < N; ++k) {
+    step[k] = b[k] - a[k];
+    mixed[k] = hn::MulAdd(start, step[k], a[k]);
+    if (k > 0) mixed[k] = hn::MulAdd(across, step[k - 1], mixed[k]);
+  }
+  mixed[N] = across * step[N - 1];
+}
+
+/// 1 / sqrt(x).
+HWY_INLINE Floats inverse_sqrt(Floats x) {
+  const Floats guess = hn::ApproximateReciprocalSqrt(x);
+  const Floats half = hn::Set(kFloats, 0.5f) * guess;
+  return hn::MulAdd(half, hn::NegMulAdd(x * guess, guess, hn::Set(kFloats, 1.f)), guess);
+}
+
+/// The normals of kLanes samples: against the gradient (world), and as long as that. The trilinear
+/// interpolation of central differences has no facets; along an interval it is a cubic polynomial.
+struct Normals {
+  Floats along[3][4];
+
+  HWY_INLINE void operator()(Floats u, Floats (&normal)[3]) const {
+    for (int axis = 0; axis < 3; ++axis) {
+      const Floats(&a)[4] = along[axis];
+      normal[axis] = hn::MulAdd(u, hn::MulAdd(u, hn::MulAdd(u, a[3], a[2]), a[1]), a[0]);
+    }
+  }
 };
 template <class S>
-HWY_INLINE Gradient gradient_of(const Samples<S>& samples, std::size_t i) {
+HWY_INLINE Normals normals_of(const RayGrid& grid, const Samples<S>& samples, std::size_t i) {
   Columns row[12];
   for (int r = 0; r < 12; ++r) row[r] = load_columns(samples.rows[r] + i);
+  Floats start[3], across[3], cubic[3][4];
+  for (int axis = 0; axis < 3; ++axis) {
+    start[axis] = hn::Load(kFloats, samples.start[axis] + i);
+    across[axis] = hn::Load(kFloats, samples.across[axis] + i);
+  }
   // At the corners, by (y, z).
   constexpr int kAbove[2][4] = {{1, 6, 3, 7}, {2, 3, 10, 11}};  // along y, z; see kRowY, kRowZ
   constexpr int kBelow[2][4] = {{4, 0, 5, 2}, {8, 9, 0, 1}};
-  Floats x0[3][4], x1[3][4];
-  for (int r = 0; r < 4; ++r) {
-    x0[0][r] = row[r].x2 - row[r].x0;
-    x1[0][r] = row[r].x3 - row[r].x1;
-    for (int axis = 0; axis < 2; ++axis) {
-      x0[axis + 1][r] = row[kAbove[axis][r]].x1 - row[kBelow[axis][r]].x1;
-      x1[axis + 1][r] = row[kAbove[axis][r]].x2 - row[kBelow[axis][r]].x2;
+  for (int axis = 0; axis < 3; ++axis) {
+    Floats line[4][2], plane[2][3];
+    for (int r = 0; r < 4; ++r) {
+      Floats x0[1] = {row[r].x2 - row[r].x0}, x1[1] = {row[r].x3 - row[r].x1};
+      if (axis > 0) {
+        const Columns &above = row[kAbove[axis - 1][r]], &below = row[kBelow[axis - 1][r]];
+        x0[0] = above.x1 - below.x1;
+        x1[0] = above.x2 - below.x2;
+      }
+      mix(x0, x1, start[0], across[0], line[r]);
     }
+    for (int z = 0; z < 2; ++z) mix(line[2 * z], line[2 * z + 1], start[1], across[1], plane[z]);
+    mix(plane[0], plane[1], start[2], across[2], cubic[axis]);
   }
-  return {{trilinear(x0[0], x1[0]), trilinear(x0[1], x1[1]), trilinear(x0[2], x1[2])}};
+  // To world coordinates.
+  Normals normals;
+  const auto& m = grid.gradient_to_world;
+  for (int axis = 0; axis < 3; ++axis)
+    for (int k = 0; k < 4; ++k)
+      normals.along[axis][k] =
+          hn::MulAdd(hn::Set(kFloats, -0.5f * m[0][axis]), cubic[0][k],
+                     hn::MulAdd(hn::Set(kFloats, -0.5f * m[1][axis]), cubic[1][k],
+                                hn::Set(kFloats, -0.5f * m[2][axis]) * cubic[2][k]));
+  return normals;
 }
 
 /// Multiplies the pieces' shares by ambient and Lambertian light at several places of each, because
-/// normals change quickly below a surface. The normal is the trilinear interpolation of central
-/// differences, so it has no facets.
+/// normals change quickly below a surface.
 template <class S>
 HWY_INLINE void shade(const RayGrid& grid, Samples<S>& samples) {
   const Floats one = hn::Set(kFloats, 1.f);
   for (std::size_t i = 0; i < samples.size; i += kLanes) {
-    const Gradient gradient = gradient_of(samples, i);
-    Floats light[kPieces];
-    for (int point = 0; point < kPieces * kPoints; ++point) {
-      const int k = point / kPoints;
-      const float offset = (2 * static_cast<float>(point % kPoints) + 1) / kPoints - 1;
-      const Floats place =
-          hn::MulAdd(hn::Set(kFloats, offset), hn::Load(kFloats, samples.reach[k] + i),
-                     hn::Load(kFloats, samples.place[k] + i));
-      Floats p[3];
-      find_position(samples, place, i, p);
-      const Floats d[3] = {gradient.along[0](p), gradient.along[1](p), gradient.along[2](p)};
-      // Transform the gradient to world coordinates.
-      const auto& m = grid.gradient_to_world;
-      Floats toward = hn::Zero(kFloats), length2 = hn::Set(kFloats, 1e-30f);
-      for (int axis = 0; axis < 3; ++axis) {
-        const Floats n = hn::MulAdd(hn::Set(kFloats, 0.5f * m[0][axis]), d[0],
-                                    hn::MulAdd(hn::Set(kFloats, 0.5f * m[1][axis]), d[1],
-                                               hn::Set(kFloats, 0.5f * m[2][axis]) * d[2]));
-        toward = hn::NegMulAdd(n, hn::Set(kFloats, grid.light[axis]), toward);
-        length2 = hn::MulAdd(n, n, length2);
-      }
-      // Small gradients are unreliable: fade their shading out.
-      const Floats length = hn::Sqrt(length2);
-      const Floats lambert = hn::Max(hn::Zero(kFloats), toward) / length;
-      const Floats sure = hn::Min(one, length * hn::Set(kFloats, grid.inverse_gradient_floor));
-      const Floats dark = hn::Set(kFloats, 1 - grid.ambient) * (one - lambert);
-      const Floats shown = hn::NegMulAdd(dark, sure, one);
-      light[k] = point % kPoints == 0 ? shown : light[k] + shown;
-    }
+    const Normals normals = normals_of(grid, samples, i);
     for (int k = 0; k < kPieces; ++k) {
+      Floats light = hn::Zero(kFloats);
+      for (int point = 0; point < kPoints; ++point) {
+        const float offset = (2 * static_cast<float>(point) + 1) / kPoints - 1;
+        const Floats place =
+            hn::MulAdd(hn::Set(kFloats, offset), hn::Load(kFloats, samples.reach[k] + i),
+                       hn::Load(kFloats, samples.place[k] + i));
+        Floats normal[3], toward = hn::Zero(kFloats), length2 = hn::Set(kFloats, 1e-30f);
+        normals(place, normal);
+        for (int axis = 0; axis < 3; ++axis) {
+          toward = hn::MulAdd(normal[axis], hn::Set(kFloats, grid.light[axis]), toward);
+          length2 = hn::MulAdd(normal[axis], normal[axis], length2);
+        }
+        // Small gradients are unreliable: fade their shading out.
+        const Floats inverse = inverse_sqrt(length2);
+        const Floats lambert = hn::Max(hn::Zero(kFloats), toward) * inverse;
+        const Floats sure =
+            hn::Min(one, length2 * inverse * hn::Set(kFloats, grid.inverse_gradient_floor));
+        const Floats dark = hn::Set(kFloats, 1 - grid.ambient) * (one - lambert);
+        Floats shown = hn::NegMulAdd(dark, sure, one);
+        if constexpr (std::is_same_v<S, float>)  // the square of a large one is not finite
+          shown = hn::IfThenElse(hn::IsFinite(length2), shown, one);
+        light = light + shown;
+      }
       const Floats share = hn::Load(kFloats, samples.share[k] + i);
-      hn::Store(share * light[k] * hn::Set(kFloats, 1.f / kPoints), kFloats, samples.share[k] + i);
+      hn::Store(share * light * hn::Set(kFloats, 1.f / kPoints), kFloats, samples.share[k] + i);
     }
   }
 }
 
 /// What arrives at kLanes places, given in nodes, trilinear between them: `found` has the channels
 /// of an ArrivingLight. A node's bytes are the lanes of a vector, so each of a sample's eight nodes
-/// is one load. Finds it for the first `count` lanes, where `opacity` is above 0.
-HWY_INLINE void look_up(const LightGrid& grid, const Floats (&at)[3], const float* opacity,
-                        std::size_t count, Floats (&found)[kChannels]) {
+/// is one load. Finds it for the first `count` lanes; those without opacity look up the first
+/// nodes.
+HWY_INLINE void look_up(const LightGrid& grid, const Floats (&at)[3], Floats opacity,
+                        std::size_t count, Floats (&found)[kChannels + 1]) {
   const Ints zero = hn::Zero(kInts), one = hn::Set(kInts, 1);
   Floats share[3][2];
   Ints first = zero, step[3];
   for (int axis = 2; axis >= 0; --axis) {
     const Ints last = hn::Set(kInts, grid.dims[axis] - 1);
-    const Floats p = hn::Max(hn::Zero(kFloats), at[axis]);
+    const Floats p =
+        hn::IfThenElseZero(opacity > hn::Zero(kFloats), hn::Max(hn::Zero(kFloats), at[axis]));
     // Lanes after the last sample hold anything: clamp, so that every access is in the grid.
     const Ints cell = hn::Max(zero, hn::Min(hn::ConvertTo(kInts, p), last));
     share[axis][1] = hn::Min(p - hn::ConvertTo(kFloats, cell), hn::Set(kFloats, 1.f));
@@ -287,31 +349,34 @@ HWY_INLINE void look_up(const LightGrid& grid, const Floats (&at)[3], const floa
   const hn::Rebind<std::uint8_t, decltype(channels)> bytes;
   const hn::Rebind<std::int32_t, decltype(channels)> ints;
   constexpr std::size_t kStep = hn::MaxLanes(hn::CappedTag<float, 16>());
-  constexpr std::size_t kVectors = (kChannels + kStep - 1) / kStep;
+  constexpr std::size_t kVectors = (LightGrid::kNodeBytes + kStep - 1) / kStep;
   static_assert(kVectors * kStep <= LightGrid::kNodeBytes + LightGrid::kPadding);
-  alignas(64) float values[kChannels][kLanes] = {};
+  alignas(64) glm::vec4 blocks[3][kLanes] = {};  // of four channels
   for (std::size_t lane = 0; lane < count; ++lane) {
-    if (!(opacity[lane] > 0)) continue;
     hn::Vec<decltype(channels)> sum[kVectors];
     for (auto& v : sum) v = hn::Zero(channels);
     for (int corner = 0; corner < 8; ++corner) {
       const std::uint8_t* node =
           grid.nodes.data() + LightGrid::kNodeBytes * static_cast<std::size_t>(nodes[corner][lane]);
+      if (HWY_UNLIKELY(node[kChannels] == kMissingNode))
+        grid.missed->add(static_cast<std::size_t>(nodes[corner][lane]));
       const NodeUnits& units = kNodeUnits[node[kChannels]];
       const auto weight = hn::Set(channels, weights[corner][lane]);
       for (std::size_t v = 0; v < kVectors; ++v) {
-        const auto byte =
-            hn::ConvertTo(channels, hn::PromoteTo(ints, hn::LoadU(bytes, node + v * kStep)));
-        const auto value = hn::MulAdd(byte, hn::Load(channels, &units.unit[v * kStep]),
-                                      hn::Load(channels, &units.offset[v * kStep]));
-        sum[v] = hn::MulAdd(weight, value, sum[v]);
+        const auto steps = hn::PromoteTo(ints, hn::LoadU(bytes, node + v * kStep)) -
+                           hn::Load(ints, &kNodeZeros[v * kStep]);
+        sum[v] = hn::MulAdd(weight * hn::Load(channels, &units[v * kStep]),
+                            hn::ConvertTo(channels, steps), sum[v]);
       }
     }
-    alignas(64) float one_sample[kVectors * kStep];
+    alignas(64) float one_sample[16];
     for (std::size_t v = 0; v < kVectors; ++v) hn::Store(sum[v], channels, one_sample + v * kStep);
-    for (int c = 0; c < kChannels; ++c) values[c][lane] = one_sample[c];
+    for (std::size_t block = 0; block < 3; ++block)
+      std::memcpy(&blocks[block][lane], one_sample + 4 * block, sizeof blocks[block][lane]);
   }
-  for (int c = 0; c < kChannels; ++c) found[c] = hn::Load(kFloats, values[c]);
+  for (std::size_t block = 0; block < 3; ++block)
+    hn::LoadInterleaved4(kFloats, &blocks[block][0].x, found[4 * block], found[4 * block + 1],
+                         found[4 * block + 2], found[4 * block + 3]);
 }
 
 /// Finds the normals of kLanes samples, as Medium::matter does.
@@ -320,7 +385,7 @@ struct NormalFinder {
   const RayGrid& grid;
   const Samples<S>& samples;
   std::size_t i;
-  Gradient gradient = gradient_of(samples, i);
+  Normals normals = normals_of(grid, samples, i);
   bool cut = near_face();
 
   HWY_INLINE bool near_face() const {
@@ -335,22 +400,17 @@ struct NormalFinder {
 
   /// The normal (world) at a place of the interval, times how far it is a surface if it is opaque.
   HWY_INLINE void operator()(Floats place, Floats (&normal)[3]) const {
-    Floats p[3], length2 = hn::Set(kFloats, 1e-30f);
-    find_position(samples, place, i, p);
-    const Floats d[3] = {gradient.along[0](p), gradient.along[1](p), gradient.along[2](p)};
-    const auto& m = grid.gradient_to_world;
-    for (int axis = 0; axis < 3; ++axis) {
-      normal[axis] = hn::MulAdd(hn::Set(kFloats, -0.5f * m[0][axis]), d[0],
-                                hn::MulAdd(hn::Set(kFloats, -0.5f * m[1][axis]), d[1],
-                                           hn::Set(kFloats, -0.5f * m[2][axis]) * d[2]));
-      length2 = hn::MulAdd(normal[axis], normal[axis], length2);
-    }
-    const Floats one = hn::Set(kFloats, 1.f), length = hn::Sqrt(length2);
+    Floats length2 = hn::Set(kFloats, 1e-30f);
+    normals(place, normal);
+    for (const Floats& n : normal) length2 = hn::MulAdd(n, n, length2);
+    const Floats one = hn::Set(kFloats, 1.f), inverse = inverse_sqrt(length2);
     const Floats sure =
-        one - hn::Exp(kFloats, length * hn::Set(kFloats, -grid.inverse_gradient_floor));
-    const Floats scale = hn::IfThenElseZero(hn::IsFinite(length2), sure / length);
+        one - hn::Exp(kFloats, length2 * inverse * hn::Set(kFloats, -grid.inverse_gradient_floor));
+    const Floats scale = hn::IfThenElseZero(hn::IsFinite(length2), sure * inverse);
     for (Floats& n : normal) n = n * scale;
     if (!cut) return;
+    Floats p[3];
+    find_position(samples, place, i, p);
     for (int axis = 0; axis < 3; ++axis) {
       const Floats low = p[axis] + hn::ConvertTo(kFloats, hn::Load(kInts, samples.cell[axis] + i));
       const Floats high = hn::Set(kFloats, static_cast<float>(grid.dims[axis] - 1)) - low;
@@ -442,8 +502,9 @@ HWY_INLINE void find_light(const RayGrid& grid, Samples<S>& samples) {
           hn::MulAdd(at[axis] - hn::Set(kFloats, static_cast<float>(light.low[axis])),
                      hn::Set(kFloats, static_cast<float>(1 / light.spacing)), beside * aside[axis]);
     }
-    Floats found[kChannels];
-    look_up(light, nodes, samples.opacity + i, std::min(kLanes, samples.size - i), found);
+    Floats found[kChannels + 1];
+    look_up(light, nodes, hn::Load(kFloats, samples.opacity + i),
+            std::min(kLanes, samples.size - i), found);
     // Green, from a luminance of 1.
     const Floats green =
         hn::NegMulAdd(hn::Set(kFloats, kLuminance.r / kLuminance.g), found[9],

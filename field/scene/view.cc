@@ -2,8 +2,10 @@
 
 #include <algorithm>
 #include <limits>
+#include <optional>
 #include <vector>
 
+#include "base/guarded.h"
 #include "base/reporter.h"
 #include "base/try.h"
 
@@ -17,17 +19,27 @@ Result<Image> trace_view(const Scene& scene, const Sphere& sphere, const Camera&
   image.height = camera.height;
   image.rgba.resize(std::size_t{camera.width} * camera.height);
   image.depth.assign(image.rgba.size(), std::numeric_limits<float>::infinity());
+  const auto segment = [&](const PixelRay& ray) -> std::optional<Segment> {
+    const Chord chord = intersect(sphere, ray.origin, ray.direction);
+    if (!chord.hit || chord.leave <= 0) return std::nullopt;
+    return Segment{ray.origin + std::max(chord.enter, 0.0) * ray.direction,
+                   ray.origin + chord.leave * ray.direction};
+  };
+  std::vector<Segment> some;  // few, and still close to each other
+  const std::uint32_t step = 1 + std::max(camera.width, camera.height) / 256;
+  for (std::uint32_t y = 0; y < camera.height; y += step)
+    for (std::uint32_t x = 0; x < camera.width; x += step)
+      if (const auto ray = segment(rays.ray(x, y))) some.push_back(*ray);
+  SLF_TRY(guarded([&] { return scene.prepare_for(some); }));
   Reporter reporter(progress, {0, camera.height, 0}, "stopped while a view was traced");
   SLF_TRY(parallel_for(camera.height, threads, reporter, [&](std::uint64_t y) {
     std::vector<Segment> segments;
     std::vector<std::uint32_t> columns;
     for (std::uint32_t x = 0; x < camera.width; ++x) {
-      const PixelRay ray = rays.ray(x, static_cast<std::uint32_t>(y));
-      const Chord chord = intersect(sphere, ray.origin, ray.direction);
-      if (!chord.hit || chord.leave <= 0) continue;
-      segments.push_back({ray.origin + std::max(chord.enter, 0.0) * ray.direction,
-                          ray.origin + chord.leave * ray.direction});
-      columns.push_back(x);
+      if (const auto ray = segment(rays.ray(x, static_cast<std::uint32_t>(y)))) {
+        segments.push_back(*ray);
+        columns.push_back(x);
+      }
     }
     std::vector<RaySample> samples(segments.size());
     scene.trace_many(segments, samples);

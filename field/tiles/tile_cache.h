@@ -17,16 +17,14 @@
 #include <atomic>
 #include <condition_variable>
 #include <cstdint>
-#include <deque>
-#include <list>
 #include <mutex>
-#include <optional>
 #include <span>
-#include <unordered_map>
 #include <utility>
 #include <vector>
 
 #include "field/field_file.h"
+#include "field/tiles/loaded_tiles.h"
+#include "field/tiles/map_budget.h"
 #include "field/tiles/page_table.h"
 #include "field/tiles/tile_memory.h"
 #include "slf/error.h"
@@ -44,7 +42,6 @@ struct CacheStatistics {
 
 /// Thread-safety: any thread, except where a member says otherwise.
 class TileCache {
-  struct Tile;  // a tile that is loaded or being loaded
   class ScopedLock;
 
  public:
@@ -70,46 +67,18 @@ class TileCache {
 
    private:
     friend class TileCache;
-    Pin(TileCache* cache, Tile* tile) : cache_(cache), tile_(tile) {}
+    Pin(TileCache* cache, LoadedTile* tile) : cache_(cache), tile_(tile) {}
     void release();
 
     TileCache* cache_ = nullptr;
-    Tile* tile_ = nullptr;
+    LoadedTile* tile_ = nullptr;
   };
 
-  /// Registers a thread that looks up tiles in page_table(). Made once, used for many ReadScopes,
-  /// one at a time. Must not outlive the cache.
-  class Reader {
-   public:
-    explicit Reader(TileCache& cache);
-    ~Reader();
-    Reader(const Reader&) = delete;
-    Reader& operator=(const Reader&) = delete;
-
-   private:
-    friend class TileCache;
-    struct alignas(64) Slot {
-      std::atomic<std::uint64_t> epoch{0};  // when its ReadScope began; 0: in none
-      bool taken = false;
-    };
-
-    TileCache& cache_;
-    Slot* slot_;
-  };
-
-  /// During its lifetime the samples of every tile found in it stay valid. Keep it short, and do
-  /// not call load() in it: load() may wait for memory of removed tiles, which is freed only after
-  /// it ends.
-  class ReadScope {
-   public:
-    explicit ReadScope(Reader& reader);
-    ~ReadScope();
-    ReadScope(const ReadScope&) = delete;
-    ReadScope& operator=(const ReadScope&) = delete;
-
-   private:
-    Reader& reader_;
-  };
+  /// A thread that looks up tiles in page_table(), and the time in which it does. In a ReadScope
+  /// do not call load(): that may wait for memory of removed tiles, which is freed only after it.
+  using Reader = ReadEpochs::Reader;
+  using ReadScope = ReadEpochs::Scope;
+  [[nodiscard]] ReadEpochs& epochs() { return tiles_.epochs(); }
 
   /// The field must outlive this. `budget` bytes of decoded samples, `map_budget` resident bytes of
   /// the map; pinned tiles of an in-place codec can exceed the latter. Unless `in_place`, tiles of
@@ -136,35 +105,29 @@ class TileCache {
   /// tiles that it uses from then on count as used more recently than those that it no longer uses.
   [[nodiscard]] std::uint32_t resume_frame(std::uint32_t frame);
 
-  /// Loads tiles and pins them, in the order of `keys`. Empty and missing tiles are no errors:
-  /// Pin::state() tells. REQUIRES: no ReadScope of the calling thread, and keys of the field.
-  /// Errors of finding, checking and decoding, which are not cached. unsupported: a level too large
-  /// for the address space.
-  [[nodiscard]] Result<std::vector<Pin>> load(std::span<const TileKey> keys);
+  /// Finds tiles, and those that they are predicted from, except what is loaded, and asks the
+  /// kernel to read all of them. Call it with all tiles that are needed next, so that the disk
+  /// reads many at a time.
+  [[nodiscard]] FoundTiles locate(std::span<const TileKey> keys);
 
-  /// A tile, and its payload in the file if that was looked up.
-  struct Located {
-    TileKey key;
-    std::optional<storage::TileRef> ref{};
-  };
-
-  /// The first half of load(): finds the payloads of tiles that are not loaded, and asks the kernel
-  /// to read them. Call it with all tiles that are needed next, so that the disk reads many at a
-  /// time.
-  [[nodiscard]] std::vector<Located> locate(std::span<const TileKey> keys);
-  /// The second half, for one tile.
-  [[nodiscard]] Result<Pin> load(const Located& tile);
+  /// Loads tiles and pins them, in the order of `keys`. What locate() has `found` is not looked up
+  /// again. Empty and missing tiles are no errors: Pin::state() tells. REQUIRES: no ReadScope of
+  /// the calling thread, and keys of the field. Errors of finding, checking and decoding, which are
+  /// not cached. unsupported: a level too large for the address space.
+  [[nodiscard]] Result<std::vector<Pin>> load(std::span<const TileKey> keys,
+                                              const FoundTiles& found);
+  [[nodiscard]] Result<std::vector<Pin>> load(std::span<const TileKey> keys) {
+    return load(keys, locate(keys));
+  }
+  [[nodiscard]] Result<Pin> load(TileKey key, const FoundTiles& found);
+  [[nodiscard]] Result<Pin> load(TileKey key) { return load(key, locate({&key, 1})); }
 
   /// Loads a stored tile. tile_missing: one that it is predicted from was never built; the message
   /// names that.
-  [[nodiscard]] Result<Pin> read(const storage::TileRef& tile);
-
-  /// The same, copied into `samples`, which has the tile's size.
-  [[nodiscard]] Result<void> read(const storage::TileRef& tile, std::span<std::byte> samples);
-
-  /// Codes a tile for this field; if its codec is predictive, as a difference from what the tiles
-  /// of the next coarser level predict. Errors of load().
-  [[nodiscard]] Result<void> encode(TileKey key, ByteSpan samples, Bytes& payload);
+  [[nodiscard]] Result<Pin> read(TileKey key, const FoundTiles& found);
+  [[nodiscard]] Result<Pin> read(TileKey key) { return read(key, locate({&key, 1})); }
+  /// The same, copied; all zeros if it is empty.
+  [[nodiscard]] Result<void> read(TileKey key, Bytes& samples);
 
   /// The number of the frame that began last.
   [[nodiscard]] std::uint32_t now() const { return clock_.load(); }
@@ -176,84 +139,48 @@ class TileCache {
   void reset_peak();
 
  private:
-  /// Tiles move between lists, which takes no memory: so removals, and the end of a Pin, cannot
-  /// fail.
-  using Tiles = std::list<Tile>;
-
-  void pin_locked(Tile& tile);
-  void unpin(Tile& tile);
-  void unpin_locked(Tile& tile);
+  void pin_locked(LoadedTile& tile);
+  void unpin(LoadedTile& tile);
   /// Shows readers that a tile is loaded.
-  void publish_locked(Tile& tile);
-  /// Whether nothing needs to be removed soon.
-  [[nodiscard]] bool ample_locked() const;
-  [[nodiscard]] Tile* least_recently_used_locked();
-  /// Removes a tile from the table. It is freed when no reader can have found it.
-  void remove_locked(Tile& tile);
-  void free_removed_locked();
-  /// Removes tiles until `bytes` more fit or all others are pinned.
-  void remove_for_locked(std::uint64_t bytes);
-  /// The same, and waits until the removed tiles are freed.
-  void make_room(std::unique_lock<std::mutex>& lock, std::uint64_t bytes);
-  /// Counts the pages of the map that finding a tile, or reading it there, makes resident; has the
-  /// map released when its budget is used up.
-  void count_mapped_locked(const storage::TileRef& tile, bool read);
-  /// locate(); only if `advise`, the kernel is asked to read.
-  [[nodiscard]] std::vector<Located> find(std::span<const TileKey> keys, bool advise);
-  [[nodiscard]] Result<std::vector<Pin>> load_all(std::vector<Located> tiles);
+  void publish_locked(LoadedTile& tile);
   /// Loads tiles of one level and pins them. References are loaded before, each once for as many
   /// tiles as there is room for: in little memory, tiles that were loaded one after the other would
   /// evict each other's.
-  [[nodiscard]] Result<std::vector<Pin>> load_level(std::vector<Located> tiles);
+  [[nodiscard]] Result<std::vector<Pin>> load_level(std::span<const TileKey> keys,
+                                                    const FoundTiles& found);
   /// Pins those of the tiles that are loaded, and returns the indices of the others.
-  [[nodiscard]] std::vector<std::size_t> pin_loaded(std::span<const Located> tiles,
+  [[nodiscard]] std::vector<std::size_t> pin_loaded(std::span<const TileKey> keys,
                                                     std::span<Pin> pins);
   struct Batch {
     std::size_t tiles = 0;
     std::vector<TileKey> references;  ///< of these tiles, ascending
   };
   /// As many of the first absent tiles as fit with their references, at least one.
-  [[nodiscard]] Batch next_batch(std::span<Located> tiles, std::span<const std::size_t> absent);
-  /// What a tile is predicted from, according to its payload. Finds that if it was not looked up.
-  [[nodiscard]] std::vector<TileKey> references_of(Located& tile) const;
-  [[nodiscard]] Result<Pin> load_one(const Located& tile);
-  /// Loads a tile, or waits for the thread that does.
-  [[nodiscard]] Result<void> load_once(std::unique_lock<std::mutex>& lock, Tile& tile,
-                                       const std::optional<storage::TileRef>& located);
-  [[nodiscard]] Result<void> load_samples(Tile& tile,
-                                          const std::optional<storage::TileRef>& located);
-  /// Makes room for a tile and counts it.
-  void charge(Tile& tile, std::uint64_t bytes, bool located);
-  /// Pins the tiles that another one is predicted from, and loads those that load_level() did not.
-  /// Loads depend on coarser levels only, so threads never wait for each other in a circle.
-  /// tile_missing: the tile was never built; then `lacking` is its key.
-  [[nodiscard]] ReferenceSource references(std::vector<Pin>& pins, std::optional<TileKey>& lacking);
+  [[nodiscard]] Batch next_batch(std::span<const TileKey> keys, std::span<const std::size_t> absent,
+                                 const FoundTiles& found);
+  /// Loads a tile, or waits for the thread that does. Loads depend on coarser levels only, so
+  /// threads never wait for each other in a circle.
+  [[nodiscard]] Result<Pin> load_one(TileKey key, const FoundTiles& found);
+  /// Finds a tile, loads its references, and decodes it.
+  [[nodiscard]] Result<void> load_samples(LoadedTile& tile, const FoundTiles& found);
+  /// Makes room for a tile and counts it. `found`: its look-up is counted.
+  void charge(LoadedTile& tile, std::uint64_t bytes, bool found, bool mapped);
 
   const FieldFile& field_;
-  const std::uint64_t budget_, map_budget_;
+  const std::uint64_t budget_;
   const bool in_place_;
   std::vector<PageTable> tables_;                // by level; changed under the lock
   std::atomic<std::uint32_t> clock_{0};          // number of the frame that began last
-  std::atomic<std::uint64_t> epoch_{1};          // removals so far
   std::atomic<std::uint64_t> payload_bytes_{0};  // decoded so far
-  std::atomic<std::uint32_t> loading_{0};        // calls of load_all() under way
+  std::atomic<std::uint32_t> loading_{0};        // calls of load() under way
 
   TileMemory memory_;
 
   mutable std::mutex mutex_;  // guards what follows
   std::condition_variable loaded_;
-  std::deque<Reader::Slot> readers_;
-  std::unordered_map<TileKey, Tiles::iterator, TileKeyHash> tiles_;  // in idle_ or pinned_
-  Tiles idle_;                       // that nothing pins, roughly from least to most recently used
-  Tiles pinned_;                     // all others
-  Tiles removed_;                    // that a reader may still see, in order of epochs
-  Tiles garbage_;                    // that no reader can see; freed outside the lock
-  std::uint64_t removed_bytes_ = 0;  // of removed_
-  std::uint64_t pinned_bytes_ = 0;   // of loaded tiles that are pinned
-  bool shared_ = false;              // whether frames may share the last number
-  bool release_due_ = false;         // of the map
-  std::uint64_t mapped_bytes_ = 0;   // approximate, read through the map since its last release
-  std::uint64_t mapped_window_ = 0;  // the window that was read last
+  LoadedTiles tiles_;
+  MapBudget map_;
+  bool shared_ = false;  // whether frames may share the last number
   CacheStatistics statistics_;
 };
 

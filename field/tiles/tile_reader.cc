@@ -30,7 +30,7 @@ Result<TileReader::Tile> TileReader::read(TileKey key) const {
     TileCache::Pin pin;
   };
   return guarded([&]() -> Result<Tile> {
-    auto pin = SLF_TRY(cache().load({key, std::nullopt}));
+    auto pin = SLF_TRY(cache().load(key));
     auto held = std::make_shared<Held>(Held{state_, std::move(pin)});
     Tile tile;
     tile.missing_ = held->pin.state() == storage::TileState::missing;
@@ -43,7 +43,5 @@ Result<TileReader::Tile> TileReader::read(TileKey key) const {
     return tile;
   });
 }
-
-void TileReader::prefetch(std::span<const TileKey> keys) const { (void)cache().locate(keys); }
 
 }  // namespace slf

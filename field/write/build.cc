@@ -7,6 +7,7 @@
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <sstream>
 #include <vector>
 
 #include "base/mix.h"
@@ -16,6 +17,7 @@
 #include "field/field_file.h"
 #include "field/geometry/tile_order.h"
 #include "field/tiles/tile_cache.h"
+#include "field/write/encode_tile.h"
 #include "field/write/field_writer.h"
 #include "field/write/missing_tiles.h"
 #include "field/write/shard_plan.h"
@@ -174,12 +176,6 @@ std::uint64_t count_rays(const TileTracer& tracer, const TileOrder& order, const
   return rays;
 }
 
-/// An encoded tile, which a worker passes to the writer.
-struct EncodedTile {
-  Bytes payload;           // none for an empty tile
-  std::uint64_t rays = 0;  // traced for it, approximately
-};
-
 /// The tiles that others are predicted from, or none. Workers read them while the writer replaces
 /// the file. A mutex guards it, because the load() of libstdc++ 12's atomic shared_ptr does not
 /// release.
@@ -215,15 +211,15 @@ struct BuildJob {
   /// Whether that is the file that is being written.
   const bool reads_own_file;
 
-  Result<EncodedTile> make(TileKey key, TracedTile& traced) const {
-    EncodedTile encoded;
+  /// The payload of a tile; no bytes for an empty one.
+  Result<Bytes> make(TileKey key, TracedTile& traced) const {
+    Bytes payload;
     SLF_TRY(tracer.trace(key, traced));
-    encoded.rays = tracer.rays(key);
-    if (traced.empty) return encoded;
+    if (traced.empty) return payload;
     const auto reader = coarser.get();
-    SLF_TRY(reader ? reader->cache().encode(key, traced.samples, encoded.payload)
-                   : codec.encode(tracer.shape(key), traced.samples, nullptr, encoded.payload));
-    return encoded;
+    SLF_TRY(reader ? encode_tile(reader->cache(), key, traced.samples, payload)
+                   : codec.encode(tracer.shape(key), traced.samples, nullptr, payload));
+    return payload;
   }
 
   [[nodiscard]] TileKey key(std::uint64_t k) const { return order.key(missing.number(k)); }
@@ -265,9 +261,10 @@ Result<void> write_missing(BuildJob& job, std::uint64_t begin, std::uint64_t end
       });
     };
   };
-  const auto put = [&](std::uint64_t k, EncodedTile tile) -> Result<void> {
-    SLF_TRY(writer.put(job.key(begin + k), std::move(tile.payload)));
-    auto go_on = progress.add(tile.rays);
+  const auto put = [&](std::uint64_t k, Bytes payload) -> Result<void> {
+    const TileKey key = job.key(begin + k);
+    SLF_TRY(writer.put(key, std::move(payload)));
+    auto go_on = progress.add(job.tracer.rays(key));
     if (!go_on || Clock::now() - committed_at >= interval) {
       SLF_TRY(writer.commit());
       SLF_TRY(job.follow(writer));
@@ -296,15 +293,27 @@ Result<void> write_levels(BuildJob& job, FieldWriter& writer, const std::string&
   return {};
 }
 
+std::string text_of(const glm::dvec3& v) {
+  std::ostringstream text;
+  text << v.x << "," << v.y << "," << v.z;
+  return text.str();
+}
+
 /// The manifest of a new field. usage: a setting, or the scene's bounds or provenance, is invalid.
 Result<Manifest> plan(const Scene& scene, const BuildOptions& options) {
   Manifest manifest;
   manifest.shape = options.shape;
   const bool scene_bounds = manifest.shape.sphere.radius == 0;
   if (scene_bounds) manifest.shape.sphere = scene.bounds();
+  const Sphere visible = scene.bounds();
+  const auto& [center, radius] = manifest.shape.sphere;
   if (auto ok = manifest.shape.check(); !ok)
     return fail(ok.error().code, scene_bounds ? "around the scene's bounds: " : "",
                 ok.error().message);
+  if (!(glm::distance(center, visible.center) < radius + visible.radius))
+    return fail_without("center", ErrorCode::usage, "a sphere of radius ", radius, " around ",
+                        text_of(center), " misses all that is visible, which lies around ",
+                        text_of(visible.center), " within ", visible.radius);
   manifest.filtered_levels = manifest.shape.levels;
   manifest.format = sample_format(options.half, options.depth);
   const auto plain = SLF_TRY(codec::make_codec(options.codec, manifest.format));

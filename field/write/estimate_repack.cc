@@ -51,29 +51,25 @@ class SampleEncoder {
 
   /// The bytes of a tile's payload; none if it is not stored.
   [[nodiscard]] Result<std::optional<std::uint64_t>> encode(TileKey key) const {
-    const auto tile = SLF_TRY(field_.store().find(key));
-    if (tile.state != TileState::stored) return std::nullopt;
-    const auto samples = read(tile);
-    if (!samples && samples.error().code == ErrorCode::tile_missing) return std::nullopt;
-    if (!samples) return tl::unexpected(samples.error());
+    Bytes samples, payload;
+    if (!SLF_TRY(read(key, samples))) return std::nullopt;
     std::vector<Bytes> kept;
-    Bytes payload;
-    const auto source = [&](TileKey reference) -> Result<ByteSpan> {
-      const auto there = SLF_TRY(field_.store().find(reference));
-      if (there.state == TileState::missing) return fail(ErrorCode::tile_missing, "missing");
-      if (there.state == TileState::empty) return ByteSpan();
-      auto samples_there = SLF_TRY(read(there));
-      return kept.emplace_back(std::move(samples_there));
-    };
-    SLF_TRY(coder_.encode(key, *samples, source, payload));
+    std::vector<ReferenceSamples> from;
+    for (const Reference& reference : coder_.choose(key, samples))
+      if (SLF_TRY(read(reference.tile, kept.emplace_back())))
+        from.push_back({reference, kept.back()});
+    SLF_TRY(coder_.encode(key, samples, from, payload));
     return payload.size();
   }
 
  private:
-  [[nodiscard]] Result<Bytes> read(const storage::TileRef& tile) const {
-    Bytes samples;
-    SLF_TRY(read_samples(tiles_, plan_, tile, samples));
-    return samples;
+  /// False: the tile, or one that it is predicted from, is not stored.
+  [[nodiscard]] Result<bool> read(TileKey key, Bytes& samples) const {
+    const auto tile = SLF_TRY(field_.store().find(key));
+    if (tile.state != TileState::stored) return false;
+    const auto ok = convert_samples(tiles_, plan_, key, samples);
+    if (!ok && ok.error().code != ErrorCode::tile_missing) return tl::unexpected(ok.error());
+    return ok.has_value();
   }
 
   const FieldFile& field_;

@@ -17,8 +17,10 @@ Result<std::vector<ReferenceIndex::Tile>> references_of(const FieldFile& field, 
   std::vector<ReferenceIndex::Tile> tiles;
   const auto visit = [&](const storage::TileRef& tile) -> Result<void> {
     if (go_on && !go_on()) return fail(ErrorCode::cancelled, field.path(), ": interrupted");
-    if (tile.state == storage::TileState::stored && field.shape().has(tile.key))
-      tiles.push_back({tile.key, field.references(tile)});
+    if (tile.state != storage::TileState::stored || !field.shape().has(tile.key)) return {};
+    tiles.push_back({tile.key, {}});
+    for (const Reference& reference : field.coder().references(tile.key, tile.payload))
+      tiles.back().references.push_back(reference.tile);
     return {};
   };
   SLF_TRY(field.store().visit(first_key(level), first_key(level + 1), visit));

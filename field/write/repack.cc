@@ -9,6 +9,7 @@
 #include "base/try.h"
 #include "field/field_file.h"
 #include "field/geometry/tile_order.h"
+#include "field/write/encode_tile.h"
 #include "field/write/field_writer.h"
 #include "field/write/repack_plan.h"
 
@@ -37,11 +38,11 @@ Result<RecodedTile> recode(TileCache& tiles, TileCache* coarser, const RepackPla
     tile.payload.assign(found.payload.begin(), found.payload.end());
     return tile;
   }
-  auto ok = read_samples(tiles, plan, found, samples);
+  auto ok = convert_samples(tiles, plan, key, samples);
   if (!ok && ok.error().code == ErrorCode::tile_missing)  // it is predicted from that
     return RecodedTile{};
   if (ok)
-    ok = coarser ? coarser->encode(key, samples, tile.payload)
+    ok = coarser ? encode_tile(*coarser, key, samples, tile.payload)
                  : plan.codec->encode(plan.tile_shape(field, key), samples, nullptr, tile.payload);
   if (!ok) return tl::unexpected(ok.error());
   return tile;
@@ -53,10 +54,7 @@ void advise(const FieldFile& field, const TileOrder& order, const TileSelection&
   std::vector<TileKey> keys;
   for (std::uint64_t k = begin; k < std::min(end, all.count()); ++k)
     keys.push_back(order.key(all.number(k)));
-  std::vector<storage::TileRef> tiles;
-  for (const auto& tile : field.store().find_all(keys))
-    if (tile) tiles.push_back(*tile);
-  field.advise(tiles);
+  (void)field.find(keys);
 }
 
 /// Writes the tiles of an output.

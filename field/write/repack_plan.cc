@@ -39,18 +39,18 @@ Result<std::unique_ptr<codec::Codec>> train(TileCache& cache, const RepackPlan& 
   const TileOrder order(plan.shape);
   const std::uint64_t begin = order.first_number(plan.shape.levels);
   const std::uint64_t step = std::max<std::uint64_t>(1, (order.count() - begin) / 256);
-  std::vector<storage::TileRef> stored;
+  std::vector<TileKey> stored;
   for (std::uint64_t n = begin + step / 2; n < order.count(); n += step) {
     const auto tile = SLF_TRY(field.store().find(order.key(n)));
-    if (tile.state == TileState::stored) stored.push_back(tile);
+    if (tile.state == TileState::stored) stored.push_back(tile.key);
   }
   const std::size_t skip = std::max<std::size_t>(1, stored.size() / codec::kTrainingTiles);
   std::vector<Bytes> samples;
   for (std::size_t k = 0; k < stored.size() && samples.size() < codec::kTrainingTiles; k += skip)
-    SLF_TRY(read_samples(cache, plan, stored[k], samples.emplace_back()));
+    SLF_TRY(convert_samples(cache, plan, stored[k], samples.emplace_back()));
   std::vector<codec::TrainingTile> tiles;
   for (std::size_t k = 0; k < samples.size(); ++k)
-    tiles.push_back({plan.tile_shape(field, stored[k * skip].key), samples[k]});
+    tiles.push_back({plan.tile_shape(field, stored[k * skip]), samples[k]});
   return codec::train_codec(codec, plan.format, tiles, plan.shape.levels);
 }
 
@@ -92,11 +92,11 @@ Result<RepackPlan> plan_repack(TileCache& tiles, const RepackOptions& options) {
   return plan;
 }
 
-Result<void> read_samples(TileCache& tiles, const RepackPlan& plan, const storage::TileRef& tile,
-                          Bytes& samples) {
+Result<void> convert_samples(TileCache& tiles, const RepackPlan& plan, TileKey key,
+                             Bytes& samples) {
   const FieldFile& field = tiles.field();
-  const auto pin = SLF_TRY(tiles.read(tile));
-  const ByteSpan in = pin.samples(), colors = in.first(field.tile_shape(tile.key).color_bytes());
+  const auto pin = SLF_TRY(tiles.read(key));
+  const ByteSpan in = pin.samples(), colors = in.first(field.tile_shape(key).color_bytes());
   samples.clear();
   append_colors(colors, is_half(field.format()), is_half(plan.format), samples);
   if (has_depth(plan.format))

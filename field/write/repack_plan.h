@@ -26,7 +26,7 @@ struct RepackPlan {
 [[nodiscard]] Result<RepackPlan> plan_repack(TileCache& tiles, const RepackOptions& options);
 
 /// Reads a stored tile and converts its samples to the plan's format. Errors of TileCache::read().
-[[nodiscard]] Result<void> read_samples(TileCache& tiles, const RepackPlan& plan,
-                                        const storage::TileRef& tile, Bytes& samples);
+[[nodiscard]] Result<void> convert_samples(TileCache& tiles, const RepackPlan& plan, TileKey key,
+                                           Bytes& samples);
 
 }  // namespace slf

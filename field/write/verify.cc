@@ -151,18 +151,19 @@ class Verifier {
 
   /// Checks and decodes tiles on all threads, and clears `tiles`.
   Result<void> check_payloads(TileCache& cache, std::vector<TileRef>& tiles) {
-    const FieldFile& field = cache.field();
     if (!options_.quick) {
-      std::vector<Result<std::optional<Finding>>> found(tiles.size());
-      field.advise(tiles);
+      std::vector<TileKey> keys;
+      for (const TileRef& tile : tiles) keys.push_back(tile.key);
+      const FoundTiles found = cache.locate(keys);
+      std::vector<Result<std::optional<Finding>>> findings(tiles.size());
       auto checked = parallel_for(tiles.size(), options_.threads, [&](std::uint64_t k) {
-        found[k] = check_payload(cache, tiles[k]);
+        findings[k] = check_payload(cache, tiles[k], found);
       });
-      field.store().release(tiles);
+      cache.field().store().release(tiles);
       if (!checked) return checked;
       for (std::size_t k = 0; k < tiles.size(); ++k) {
-        if (!found[k]) return tl::unexpected(found[k].error());
-        std::optional<Finding>& finding = *found[k];
+        if (!findings[k]) return tl::unexpected(findings[k].error());
+        std::optional<Finding>& finding = *findings[k];
         if (finding && finding->kind == FindingKind::reference)
           add(finding->kind, std::move(finding->message));
         else if (finding)
@@ -174,13 +175,14 @@ class Verifier {
   }
 
   /// io: bytes of the file cannot be read.
-  static Result<std::optional<Finding>> check_payload(TileCache& tiles, const TileRef& tile) {
+  static Result<std::optional<Finding>> check_payload(TileCache& tiles, const TileRef& tile,
+                                                      const FoundTiles& found) {
     const FieldFile& field = tiles.field();
     if (auto ok = field.store().check(tile); !ok) {
       if (ok.error().code == ErrorCode::io) return tl::unexpected(ok.error());
       return Finding{FindingKind::checksum, ok.error().message};
     }
-    const auto ok = tiles.read(tile);
+    const auto ok = tiles.read(tile.key, found);
     if (ok) return std::nullopt;
     if (ok.error().code == ErrorCode::io) return tl::unexpected(ok.error());
     // In a part, the tiles that this one is predicted from may be in another file. Then only its
@@ -193,12 +195,12 @@ class Verifier {
 
   /// Whether the tiles that a tile is predicted from decode.
   static bool references_decode(TileCache& tiles, const TileRef& tile) {
-    for (const TileKey key : tiles.field().references(tile)) {
-      if (!tiles.field().shape().has(key)) return true;  // then the tile itself is wrong
-      const auto reference = tiles.load({key, std::nullopt});
-      if (!reference || reference->state() == TileState::missing) return false;
-    }
-    return true;
+    const auto references = tiles.field().references(tile);
+    if (!references) return true;  // then the tile itself is wrong
+    return std::ranges::all_of(*references, [&](const Reference& reference) {
+      const auto pin = tiles.load(reference.tile);
+      return pin && pin->state() != TileState::missing;
+    });
   }
 
   /// Drops the tiles and records that the repairs name. Findings without a repair (S1, M1) remain.

@@ -62,7 +62,8 @@ struct BuildReport {
 /// | this field with tiles missing | builds them in place | as if there were no file |
 /// | any other file | usage or bad_file | as if there were no file |
 ///
-/// usage: a setting, the scene's bounds or its provenance is wrong; another field is at `path`, or
+/// usage: a setting, the scene's bounds or its provenance is wrong; the sphere misses all that is
+/// visible; another field is at `path`, or
 /// unfinished beside it, even with `replace`; `path` or PATH.unfinished is one of the scene's
 /// files. unsupported: a codec that cannot hold the samples (JPEG and half floats). io: disk full
 /// or a write error; committed tiles stay, and the same call resumes. cancelled: the progress

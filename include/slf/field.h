@@ -59,6 +59,8 @@ class Field {
   [[nodiscard]] std::optional<TileRange> part() const;
   /// The source and the settings of the build: a JSON object without a fixed schema.
   [[nodiscard]] std::string provenance() const;
+  /// Whether colours are linear radiance, which map_tones() in render.h shows.
+  [[nodiscard]] bool linear() const;
   /// The light of its scene (Scene::light()); no bytes if the field has none. bad_file: it is
   /// damaged.
   [[nodiscard]] Result<std::vector<std::byte>> light() const;

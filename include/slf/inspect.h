@@ -39,16 +39,15 @@ struct TileAddress {
 
 // ---- lists -------------------------------------------------------------------------------------
 
-enum class TileContent { missing, empty, stored };
 /// "missing", "empty", "stored".
-[[nodiscard]] const char* name(TileContent content);
+[[nodiscard]] const char* name(TileState state);
 
 /// One tile.
 struct ListedTile {
   TileKey key;
   TileAddress address;
   std::uint8_t subfield = 0;  ///< 8 × entry octant + exit octant
-  TileContent content = TileContent::missing;
+  TileState state = TileState::missing;
   std::uint64_t payload_bytes = 0;
   std::uint64_t offset_bytes = 0;  ///< of the payload in the file; 0 without a payload
 };

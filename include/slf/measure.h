@@ -2,7 +2,6 @@
 #pragma once
 
 #include <cstdint>
-#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -14,7 +13,6 @@
 #include "slf/progress.h"
 #include "slf/render.h"
 #include "slf/scene.h"
-#include "slf/tone.h"
 
 namespace slf {
 
@@ -85,6 +83,9 @@ struct Evaluation {
   std::vector<ViewQuality> views;
   double psnr = 0;  ///< mean of the views' PSNR, in dB
   double ssim = 0;  ///< mean of the views' SSIM
+  /// Where the field's provenance differs from the scene's, as a JSON pointer: then they show two
+  /// different objects. Empty: nowhere, but for the step of rays.
+  std::string differs;
 };
 
 struct EvaluateOptions {
@@ -92,11 +93,11 @@ struct EvaluateOptions {
   ViewOptions view = {};
   RendererOptions renderer = {};
   std::uint32_t supersample = 1;  ///< a pixel of a ray-cast view is the mean of supersample² rays
-  std::optional<ToneMapping> tone = {};  ///< of both
 };
 
-/// Compares views of the field with ray-cast views of its scene: RGB over black, 8 bits. Progress
-/// counts rows of ray-cast pictures. usage: no cameras. cancelled: stopped by `progress`. Else
+/// Compares views of the field with ray-cast views of its scene: RGB over black, 8 bits, with the
+/// default tone mapping if the field is linear. Prepares the scene, with the light that
+/// the field keeps. Progress counts rows of ray-cast pictures. usage: no cameras. cancelled: stopped by `progress`. Else
 /// errors as Renderer::render() and trace_view(). REQUIRES: supersample is at least 1.
 [[nodiscard]] Result<Evaluation> evaluate_views(const Field& field, const Scene& scene,
                                                 const EvaluateOptions& options,

@@ -60,7 +60,9 @@ struct LightVolumeOptions {
   /// options; otherwise the light volume is computed and written there. Replaces only a file that
   /// is a light volume. Empty: no file.
   std::string file{};
-  bool deferred = false;  ///< prepare(), called before the first ray, computes the light volume
+  /// prepare() computes the light volume. Rays that are traced before compute the parts that they
+  /// need, with the same result.
+  bool deferred = false;
 };
 
 /// The work of tracing rays.
@@ -73,10 +75,6 @@ struct RayCounts {
 /// The options recorded in a field's provenance (a JSON object). An option that is missing there,
 /// or of another type, has its default.
 [[nodiscard]] RaycastOptions raycast_options(std::string_view provenance);
-
-/// How to show a field with this provenance, whose colours are linear radiance; none if they are
-/// colours as pictures have them.
-[[nodiscard]] std::optional<ToneMapping> view_tone(std::string_view provenance);
 
 /// trace_many() fills the CPU's vector units; trace(), with one ray, leaves them mostly idle.
 /// Thread-safety: immutable; any thread.
@@ -95,6 +93,7 @@ class Raycaster final : public Scene {
 
   /// Computes the light volume if make() has deferred it. Errors as make().
   [[nodiscard]] Result<void> prepare() const override;
+  [[nodiscard]] Result<void> prepare_for(std::span<const Segment> rays) const override;
   [[nodiscard]] std::vector<std::byte> light() const override;
   /// Has an effect only if make() has deferred the light volume.
   bool set_light(std::span<const std::byte> light) const override;

@@ -8,8 +8,8 @@
 #pragma once
 
 #include <cstdint>
-#include <functional>
 #include <memory>
+#include <optional>
 #include <string_view>
 #include <vector>
 
@@ -19,6 +19,7 @@
 #include "slf/image.h"
 #include "slf/progress.h"
 #include "slf/tile_reader.h"
+#include "slf/tone.h"
 
 namespace slf {
 
@@ -103,14 +104,6 @@ class Renderer {
                                     ViewStatistics* statistics = nullptr,
                                     const ProgressCallback& progress = {});
 
-  /// Called with the picture of each level. Returning false stops drawing.
-  using Show = std::function<bool(const Image& image, unsigned level)>;
-  /// Draws level after level into `image`, from the coarsest to the requested one, and calls `show`
-  /// after each. The last picture is that of render(). Returns without an error when `show` returns
-  /// false.
-  [[nodiscard]] Result<void> render_progressively(const Camera& camera, const ViewOptions& options,
-                                                  Image& image, const Show& show);
-
  private:
   friend class Player;
   struct State;
@@ -120,6 +113,22 @@ class Renderer {
                                    ViewStatistics& statistics, Reporter& progress);
   std::unique_ptr<State> state_;
 };
+
+/// A point of the surface that a picture shows.
+struct PickedPoint {
+  glm::dvec3 point{0.0};  ///< world
+  double depth = 0;       ///< its distance from the eye, in world units
+  /// The standard deviation of the depth, in world units: from the steps of stored depths, and from
+  /// how much the depths of rays differ that are one sample apart.
+  double uncertainty = 0;
+};
+
+/// The point that a camera's picture shows at (x, y), in pixels from its upper left corner: centres
+/// of pixels are at halves. None if the picture is less than half opaque there. Reads the finest
+/// level. usage: an invalid camera, a place outside the picture, or a field without depths.
+/// bad_file: a damaged tile.
+[[nodiscard]] Result<std::optional<PickedPoint>> pick(Renderer& renderer, const Camera& camera,
+                                                      double x, double y);
 
 /// The coarsest level whose samples are at least as dense as the camera's pixels, or the finest
 /// level if none is. Densities are compared at the centre of the sphere: there, the lines from a
@@ -131,6 +140,11 @@ class Renderer {
 /// The checks of Renderer::render() on `options`. usage: the field does not have the level, or the
 /// depths that the mode needs.
 [[nodiscard]] Result<void> check_view(const Field& field, const ViewOptions& options);
+
+/// Tone-maps a picture of the field if its colours are linear radiance: as `tone` says; if that is
+/// none, by default for a `display`, else not at all. usage: `tone`, but no linear radiance.
+[[nodiscard]] Result<void> map_tones(const Field& field, const std::optional<ToneMapping>& tone,
+                                     bool display, Image& image);
 
 /// The (entry section, exit section) pairs that a view's rays pass through, as sorted keys: the
 /// paper's measure of how much of a field a view needs. The tiles of neighbouring sections, which

@@ -37,7 +37,8 @@ struct RaySample {
 /// A source of rays. What implementations must know:
 ///
 /// - Threads. build_field() and trace_view() call trace_many() from several threads at once, and
-///   bounds(), provenance() and files() from one. prepare() returns before the first ray is traced.
+///   bounds(), provenance() and files() from one. prepare() or prepare_for() returns before the
+///   first ray is traced.
 /// - Batches. The rays of a call to trace_many() are of one tile, or of one row of a picture.
 ///   Results must not depend on how rays are divided into calls, nor on their order: fields that
 ///   are resumed, or built in shards, are divided in another way.
@@ -57,6 +58,12 @@ class Scene {
   /// this before it traces the first ray. Other programs need to call it only if the scene's
   /// documentation says so. Not thread-safe; a second call does nothing.
   [[nodiscard]] virtual Result<void> prepare() const { return {}; }
+
+  /// Does what prepare() does as far as these rays, and those between them, need it. trace_view()
+  /// calls this before it traces the first ray. Not thread-safe.
+  [[nodiscard]] virtual Result<void> prepare_for(std::span<const Segment> /*rays*/) const {
+    return prepare();
+  }
 
   /// The result of prepare(), coded, for fields to keep (doc/format/optional.md, "Light"); empty if
   /// there is none.

@@ -15,6 +15,13 @@ struct TileKey {
   friend auto operator<=>(const TileKey&, const TileKey&) = default;
 };
 
+/// What a file holds of a tile.
+enum class TileState : std::uint8_t {
+  missing,  ///< never built, or dropped because it was damaged
+  empty,    ///< built; nothing is visible along any of its rays
+  stored,   ///< has a payload
+};
+
 /// For hash tables of tiles.
 struct TileKeyHash {
   std::size_t operator()(TileKey key) const {

@@ -65,9 +65,6 @@ class TileReader {
   /// file.
   [[nodiscard]] Result<Tile> read(TileKey key) const;
 
-  /// Asks the system to read the payloads of tiles that will be needed, all at a time.
-  void prefetch(std::span<const TileKey> keys) const;
-
   [[nodiscard]] const Field& field() const;
 
   /// For slf's own libraries; the type is not installed.

@@ -8,14 +8,15 @@ World coordinates are LPS, as in DICOM and ITK. Arrays of voxels are indexed [z,
 """
 
 from ._build import build, build_rays, raycast
-from ._errors import (BadFileError, BusyError, DiffersError, Error, FailedError, IoError,
-                      NotFoundError, OutOfMemoryError, UnsupportedError, UsageError)
+from ._errors import (BadFileError, BusyError, Error, FailedError, IoError, NotFoundError,
+                      OutOfMemoryError, UnsupportedError, UsageError)
 from ._field import Field, Player, diff, export, merge, open, repack, verify
 from ._rays import Scene
+from ._source import Settings, SourceSettings
 from ._slf import version as __version__
 from ._types import Camera, Orbit, Picture, Sphere, Tone, orbit
 
-__all__ = ["BadFileError", "BusyError", "Camera", "DiffersError", "Error", "FailedError", "Field",
-           "IoError", "NotFoundError", "Orbit", "OutOfMemoryError", "Picture", "Player", "Scene",
-           "Sphere", "Tone", "UnsupportedError", "UsageError", "build", "build_rays", "diff",
-           "export", "merge", "open", "orbit", "raycast", "repack", "verify"]
+__all__ = ["BadFileError", "BusyError", "Camera", "Error", "FailedError", "Field", "IoError",
+           "NotFoundError", "Orbit", "OutOfMemoryError", "Picture", "Player", "Scene", "Settings",
+           "SourceSettings", "Sphere", "Tone", "UnsupportedError", "UsageError", "build",
+           "build_rays", "diff", "export", "merge", "open", "orbit", "raycast", "repack", "verify"]

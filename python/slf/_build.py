@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from typing import Any, Callable, Mapping, Optional, Sequence, Tuple
+from typing import Any, Callable, Mapping, Optional, Sequence, Tuple, Unpack
 
 import numpy as np
 
@@ -12,17 +12,17 @@ from ._field import (AnyCamera, Field, Path, Size, camera_tuple, check_dtype, fi
                      is_half, path_text)
 from ._progress import Progress, reporter
 from ._rays import Function, Scene
-from ._source import scene_of
+from ._source import Settings, scene_of
 from ._types import Picture, Sphere, finite, orbit, point
 
 
-def build(source: Any, out: Path, *, entry: int = 8, exit: int = 32, levels: int = 2,
+def build(source: Any, out: Path, *, entry: int = 8, exit: int = 32, finest_level: int = 2,
           entry_extra_levels: int = 0, codec: str = "predictive:90",
           depth: bool = True, color_type: str = "u8",
           center: Optional[Sequence[float]] = None, radius: Optional[float] = None,
-          shard: Tuple[int, int] = (1, 1), shard_levels: Tuple[Optional[int], Optional[int]] = (
+          shard: Tuple[int, int] = (1, 1), only_levels: Tuple[Optional[int], Optional[int]] = (
               None, None), coarser: Path = "", threads: int = 0, commit_every: float = 5,
-          replace: bool = False, progress: Progress = None, **settings: Any) -> Field:
+          force: bool = False, progress: Progress = None, **settings: Unpack[Settings]) -> Field:
     """Builds a field, or resumes its build, and opens it.
 
     source: one of
@@ -31,40 +31,27 @@ def build(source: Any, out: Path, *, entry: int = 8, exit: int = 32, levels: int
             read in slabs along z; those above 256 MiB into a temporary file beside `out`.
         an image of nibabel (RAS, converted to LPS) or SimpleITK, or an array of xarray with
             evenly spaced coordinates, with its own position.
-        a path of any file that `slf build` reads, or "scene:NAME".
+        a path of a volume or a mesh, "pictures:FOLDER", "pictures:JSON" or "scene:NAME", as
+            `slf build` reads them.
         an slf.Scene.
     out: the field to write. It grows in OUT.unfinished, and gets its name when it is complete. The
         same call resumes what was interrupted. A complete field of the same source and settings is
         only opened.
     entry, exit: cells of the lattices at level 0, along an edge of an octsphere.
-    levels: the finest level; each doubles both lattices.
+    finest_level: each level doubles both lattices.
     codec: "predictive:QUALITY", "predictive:lossless", "jpeg:QUALITY[:444]", "zstd[:LEVEL]", "raw".
     depth: store depths beside colours; predictive codecs need them.
     color_type: "u8" or "half" (with light: linear radiance).
     center, radius: the sphere in world units; default: around what is visible.
     shard: (k, n), the k-th of n parts, from 1, for slf.merge().
-    shard_levels, coarser: as --only-levels and --coarser of `slf build`.
+    only_levels, coarser: as --only-levels and --coarser of `slf build`.
     threads: 0: all.  commit_every: seconds between commits, which a kill can lose.
-    replace: replace another field at `out`, once this one is complete.
+    force: replace another field at `out`, once this one is complete.
     progress: counts paths of light, then rays.
 
-    Of volumes:
-    spacing: dx, dy, dz, between voxels.  affine: 4×4, from the indices (x, y, z) of a voxel to
-        world coordinates (LPS), for arrays.  origin: world position of the first voxel.
-    name: what the manifest names as the source; default: the image's file, or "array".
-    transfer: a preset such as "ct-bone", a file, rows of (value, red, green, blue, opacity), or a
-        function from values [n] to [n, 4] of these, each 0 to 1; opacity is per voxel. Default:
-        fitted to the histogram.  range: (low, high), the values to stretch it to.
-    labels: True if the values are ids; or an array or image of ids, the parts of the volume.
-    label_table: a file, or {id: (name, (red, green, blue), opacity)}.  mask: 0 hides voxels, as
-        does the mask of a numpy.ma array; masked ids are 0.
-    light: "global", the default, "shadowed" or "direct". light_rig, environment, environment_gain,
-        light_samples, light_bounces, light_spacing, light_memory, light_seed, tone: of the first
-        two.  light_file: keeps the light, for builds that differ in the field's shape only.
-    shade, light_direction, ambient: of light "direct", which shade=False and ambient imply.
-    projection: "mip", "minip" or "mean".  step: longest sample, in voxels.
-    component, time, array, series, resample: which part of a file, as `slf build` has them.
+    settings: slf.Settings, whose documentation says what each does.
 
+    Decisions of readers that a person may want to check are warnings.
     Raises slf.UsageError (a ValueError) for wrong settings or another field at `out`, slf.IoError,
     slf.UnsupportedError, slf.FailedError if `progress` returned False, MemoryError, and whatever
     `progress` or a scene raises. KeyboardInterrupt ends it, too; finished tiles are kept.
@@ -74,21 +61,18 @@ def build(source: Any, out: Path, *, entry: int = 8, exit: int = 32, levels: int
     if isinstance(source, Scene):
         threads = threads or source.processes  # a thread waits for each process
     folder = os.path.dirname(path) or None
-    with scene_of(source, linear=half, folder=folder, threads=threads, **settings) as scene:
+    finite("commit_every", commit_every)
+    whole = None if center is None or radius is None else Sphere(point(center), float(radius))
+    with scene_of(source, linear=half, folder=folder, threads=threads, sphere=whole,
+                  **settings) as scene:
         bounds = scene.bounds
         sphere = Sphere(bounds.center if center is None else point(center),
                         bounds.radius if radius is None else float(radius))
         finite("center and radius", (*sphere.center, sphere.radius))
-        finite("commit_every", commit_every)
-        gap = np.linalg.norm(np.subtract(sphere.center, bounds.center))
-        if not gap < sphere.radius + bounds.radius:
-            raise ValueError(f"center {sphere.center}: a sphere of radius {sphere.radius:g} there "
-                             f"misses all that is visible, which lies around {bounds.center} "
-                             f"within {bounds.radius:g}")
         with reporter(progress, "build") as report:
-            built = _slf.build(scene, path, sphere, entry, exit, levels, entry_extra_levels, codec,
-                               depth, half, threads, float(commit_every), replace, shard,
-                               shard_levels, path_text(coarser), report)
+            built = _slf.build(scene, path, sphere, entry, exit, finest_level, entry_extra_levels,
+                               codec, depth, half, threads, float(commit_every), force, shard,
+                               only_levels, path_text(coarser), report)
     field = Field(path, threads=threads)
     field.build_report = built
     return field
@@ -111,7 +95,7 @@ def build_rays(fn: Callable[..., Any], sphere: Any, out: Path, *, batch: int = 6
 def raycast(source: Any, camera: AnyCamera = orbit(), size: Size = (512, 512), *,
             depth: bool = False, dtype: Any = np.float32,
             background: Optional[Sequence[float]] = None, threads: int = 0,
-            progress: Progress = None, **settings: Any) -> Any:
+            progress: Progress = None, **settings: Unpack[Settings]) -> Any:
     """A picture of the source itself, without a field: one ray per pixel.
 
     source and settings are those of build(), results those of Field.render(). progress counts
@@ -121,6 +105,6 @@ def raycast(source: Any, camera: AnyCamera = orbit(), size: Size = (512, 512), *
     with scene_of(source, threads=threads, **settings) as scene:
         with reporter(progress, "raycast") as report:
             colors, distance = scene.raycast(camera_tuple(scene.bounds, camera, size), threads,
-                                             None, report)
+                                             report)
     picture = finished_picture(colors, dtype, background)
     return Picture(picture, distance) if depth else picture

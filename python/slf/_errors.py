@@ -9,7 +9,7 @@ class Error(Exception):
     """Why a call of slf failed.
 
     code: the kind of failure, one of slf's exit codes: 1 usage, 2 io, 3 bad_file, 4 failed,
-        5 unsupported, 7 differs.
+        5 unsupported.
     path: the file or address that the call was about, or None.
     message: the text, which names the file, the place in it, what was expected and what was found.
     """
@@ -68,19 +68,13 @@ class UnsupportedError(Error, NotImplementedError):
     code = 5
 
 
-class DiffersError(Error):
-    """A comparison found a difference."""
-
-    code = 7
-
-
 class BusyError(FailedError):
     """Another process is writing the file."""
 
 
 _CLASSES = {"usage": UsageError, "io": IoError, "not_found": NotFoundError,
             "bad_file": BadFileError, "busy": BusyError, "out_of_memory": OutOfMemoryError,
-            "unsupported": UnsupportedError, "differs": DiffersError}
+            "unsupported": UnsupportedError}
 
 
 def error_of(code: str, message: str, path: Optional[str]) -> Error:

@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 import atexit
+import contextlib
 import json
 import os
+import warnings
 import weakref
 from types import TracebackType
-from typing import Any, Callable, List, Optional, Sequence, Tuple, Type, Union, overload
+from typing import (Any, Callable, Iterator, List, Optional, Sequence, Tuple, Type, Union, Unpack,
+                    overload)
 
 import numpy as np
 
 from . import _slf
+from ._errors import UsageError
 from ._notebook import View, bundle
 from ._progress import Progress, reporter
+from ._source import SourceSettings, scene_of
 from ._types import (BuildReport, Camera, Content, Difference, Evaluation, Frame, Measurement,
-                     MergeReport, Orbit, Picture, RepackReport, Shape, Sphere, Tile, Tone,
-                     VerifyReport, finite, orbit)
+                     MergeReport, Orbit, PickedPoint, Picture, RepackReport, Shape, Sphere, Tile,
+                     Tone, VerifyReport, finite, orbit)
 
 Path = Union[str, "os.PathLike[str]"]
 AnyCamera = Union[Orbit, Camera]
@@ -35,7 +40,7 @@ def camera_tuple(sphere: Sphere, camera: AnyCamera, size: Size) -> Tuple[Any, ..
     """A camera as the extension module takes it."""
     width, height = (int(side) for side in size)
     if width < 1 or height < 1 or width * height > 1 << 28:
-        raise ValueError(f"size {size}: expected (width, height), at least 1 and at most 2^28 "
+        raise UsageError(f"size {size}: expected (width, height), at least 1 and at most 2^28 "
                          "pixels")
     for values in camera:
         finite("camera", values)
@@ -58,15 +63,8 @@ def finished_picture(rgba: np.ndarray, dtype: Any,
 
 def check_dtype(dtype: Any) -> np.dtype:
     if np.dtype(dtype) not in (np.float32, np.uint8):
-        raise ValueError(f"dtype {dtype}: expected float32 or uint8")
+        raise UsageError(f"dtype {dtype}: expected float32 or uint8")
     return np.dtype(dtype)
-
-
-def tone_for(tone: Optional[Tone], linear: bool, display: bool) -> Optional[Tone]:
-    """How colours are shown: as asked, else Tone() for linear radiance on a display."""
-    if tone is not None and not linear:
-        raise ValueError("tone: this field does not hold linear radiance")
-    return Tone() if tone is None and display and linear else tone
 
 
 class Field:
@@ -79,6 +77,7 @@ class Field:
     def __init__(self, path: Path, *, memory: int = _DEFAULT_MEMORY, threads: int = 0,
                  progress: Progress = None) -> None:
         self._open: Optional[_slf.Field] = None
+        self._opened_with = (path, memory, threads)
         self._server: Optional[_slf.Server] = None
         with reporter(progress, "fetch") as report:
             self._open = _slf.Field(path_text(path), memory, threads, report)
@@ -91,7 +90,7 @@ class Field:
     @property
     def _field(self) -> _slf.Field:
         if self._open is None:
-            raise ValueError("the field is closed")
+            raise UsageError("the field is closed")
         return self._open
 
     def close(self) -> None:
@@ -113,10 +112,14 @@ class Field:
                  trace: Optional[TracebackType]) -> None:
         self.close()
 
+    def __reduce__(self) -> Any:
+        """Pickled by path: where it is unpickled, the file is opened again."""
+        return _reopened, self._opened_with
+
     def __repr__(self) -> str:
         if self._open is None:
             return "<slf.Field, closed>"
-        return f"<slf.Field {self.path!r}, levels 0 to {self._shape.levels}>"
+        return f"<slf.Field {self.path!r}, levels 0 to {self.finest_level}>"
 
     # -- content ----------------------------------------------------------------------------------
 
@@ -133,9 +136,9 @@ class Field:
         return self._shape.sphere
 
     @property
-    def levels(self) -> int:
-        """The finest level: levels 0 to this can be drawn."""
-        return self._shape.levels
+    def finest_level(self) -> int:
+        """Levels 0 to this can be drawn."""
+        return self._shape.finest_level
 
     @property
     def format(self) -> str:
@@ -183,9 +186,9 @@ class Field:
         if level == "matching":
             return None
         if level == "finest":
-            return self.levels
+            return self.finest_level
         if isinstance(level, str):
-            raise ValueError(f"level {level!r}: expected a number, 'finest' or 'matching'")
+            raise UsageError(f"level {level!r}: expected a number, 'finest' or 'matching'")
         return int(level)
 
     @overload
@@ -210,7 +213,7 @@ class Field:
         size: (width, height) in pixels.
         mode: "nearest", "uv", "st", "bitri" or "depth"; default: "depth" if the field has depths,
             else "bitri".
-        level: 0 to field.levels, "finest", or "matching": the coarsest that is dense enough.
+        level: 0 to field.finest_level, "finest", or "matching": the coarsest that is dense enough.
         depth: also return depths, as a Picture(rgba, depth).
         dtype: float32, 0 to 1 (fields with linear radiance exceed 1), or uint8, 0 to 255.
         background: an RGB colour, each 0 to 1, to composite over; alpha is then 1.
@@ -222,18 +225,28 @@ class Field:
         """
         display = check_dtype(dtype) == np.uint8 or background is not None
         colors, distance = self._field.render(camera_tuple(self.sphere, camera, size), mode,
-                                              self._level(level), depth,
-                                              tone_for(tone, self.linear, display))
+                                              self._level(level), depth, tone, display)
         picture = finished_picture(colors, dtype, background)
         return Picture(picture, distance) if depth else picture
+
+    def pick(self, x: float, y: float, camera: AnyCamera = orbit(),
+             size: Size = (512, 512)) -> Optional[PickedPoint]:
+        """The point of the surface that a picture shows at a place; None if it is less than half
+        opaque there.
+
+        x, y: in pixels from the upper left corner; centres of pixels are at halves.
+        camera, size: of the picture, as in render().
+
+        Raises slf.UsageError for a place outside the picture, and for a field without depths.
+        """
+        return self._field.pick(camera_tuple(self.sphere, camera, size), x, y)
 
     def thumbnail(self, size: int = 256,
                   background: Optional[Sequence[float]] = (0, 0, 0)) -> np.ndarray:
         """A small picture: uint8 [size, size, 4], over black. Reads coarse tiles only, and keeps none.
         """
         colors, _ = self._field.render(camera_tuple(self.sphere, orbit(), (size, size)), None,
-                                       self._level("matching"), False,
-                                       tone_for(None, self.linear, True),
+                                       self._level("matching"), False, None, True,
                                        _THUMBNAIL_MEMORY)
         return finished_picture(colors, np.uint8, background)
 
@@ -246,8 +259,8 @@ class Field:
         horizon: frames to load ahead.
         """
         number = self._level(level)
-        return Player(self, self._field.player(mode, self.levels if number is None else number,
-                                               loading, horizon))
+        return Player(self, self._field.player(
+            mode, self.finest_level if number is None else number, loading, horizon))
 
     # -- tiles ------------------------------------------------------------------------------------
 
@@ -292,20 +305,24 @@ class Field:
                                        report)
 
     def evaluate(self, scene: Any, cameras: Union[int, Sequence[AnyCamera]] = 8,
-                 size: Size = (512, 512), mode: Optional[str] = None,
+                 size: Size = (256, 256), mode: Optional[str] = None,
                  level: LevelName = "finest", *, distance: float = 3, supersample: int = 1,
-                 progress: Progress = None, **source: Any) -> Evaluation:
+                 progress: Progress = None, **settings: Unpack[SourceSettings]) -> Evaluation:
         """Compares views with ray-cast ones of the field's scene: PSNR and SSIM, RGB over black.
 
-        scene: what the field was built from, with the same further arguments as slf.build().
+        scene: what the field was built from.
+        settings: say how to read it, as in slf.build(). Light, rays and, unless it is given, the
+            transfer function are those of the field; rays have a step of at most 0.5 voxels.
         """
-        from ._source import scene_of
-        number = self._level(level)
-        with scene_of(scene, linear=self.linear, **source) as handle:
+        with scene_of(scene, truth_of=self._field.provenance, **settings) as handle:
             with reporter(progress, "evaluate") as report:
-                return _slf.evaluate(self._field, handle, self._cameras(cameras, size, distance),
-                                     mode, self.levels if number is None else number, supersample,
-                                     report)
+                evaluation = _slf.evaluate(
+                    self._field, handle, self._cameras(cameras, size, distance), mode,
+                    self._level(level), supersample, report)
+        if evaluation.differs:
+            warnings.warn(f"{self.path} was built from another source ({evaluation.differs} "
+                          "differs): the figures compare two different objects", stacklevel=2)
+        return evaluation
 
     # -- notebooks --------------------------------------------------------------------------------
 
@@ -337,7 +354,6 @@ class Player:
 
     def __init__(self, field: Field, player: _slf.Player) -> None:
         self._sphere = field.sphere
-        self._linear = field.linear
         self._player = player
         self.report: Optional[Frame] = None
         """How the last frame was drawn."""
@@ -359,7 +375,7 @@ class Player:
         """The next frame, as Field.render(). Draws coarser levels where tiles are not loaded."""
         display = check_dtype(dtype) == np.uint8 or background is not None
         colors, self.report = self._player.draw(camera_tuple(self._sphere, camera, size),
-                                                tone_for(tone, self._linear, display))
+                                                tone, display)
         return finished_picture(colors, dtype, background)
 
     def settle(self) -> None:
@@ -391,6 +407,10 @@ def open(path: Path, *, memory: int = _DEFAULT_MEMORY, threads: int = 0,
     return Field(path, memory=memory, threads=threads, progress=progress)
 
 
+def _reopened(path: Path, memory: int, threads: int) -> Field:
+    return Field(path, memory=memory, threads=threads)
+
+
 def verify(field: Union[Field, Path], *, quick: bool = False, fix: bool = False, threads: int = 0,
            progress: Progress = None) -> VerifyReport:
     """Checks every page, record and tile. Damage is a finding in the report, not an exception.
@@ -405,48 +425,43 @@ def verify(field: Union[Field, Path], *, quick: bool = False, fix: bool = False,
         return _slf.verify(path, handle, quick, fix, threads, report)
 
 
-class _Opened:
-    """A field that was given as a path is open only as long as the call."""
-
-    def __init__(self, field: Union[Field, Path]) -> None:
-        self._mine = not isinstance(field, Field)
-        self.field = field if isinstance(field, Field) else Field(field)
-
-    def __enter__(self) -> Field:
-        return self.field
-
-    def __exit__(self, *raised: Any) -> None:
-        if self._mine:
-            self.field.close()
+@contextlib.contextmanager
+def _opened(field: Union[Field, Path]) -> Iterator[Field]:
+    """A field that is given as a path is open only as long as the call."""
+    if isinstance(field, Field):
+        yield field
+        return
+    with Field(field) as mine:
+        yield mine
 
 
 def repack(field: Union[Field, Path], out: Path, *, codec: str = "", depth: bool = True,
-           levels: Optional[int] = None, subfields: Sequence[int] = (), color_type: Optional[str] = None,
-           light: bool = True, memory: int = _DEFAULT_MEMORY, threads: int = 0,
-           replace: bool = False, progress: Progress = None) -> RepackReport:
+           finest_level: Optional[int] = None, subfields: Sequence[int] = (),
+           color_type: Optional[str] = None, light: bool = True, memory: int = _DEFAULT_MEMORY,
+           threads: int = 0, force: bool = False, progress: Progress = None) -> RepackReport:
     """Rewrites a field into another form. Empty arguments keep what the field has.
 
-    codec, depth: as in slf.build().  levels: the finest to keep.
+    codec, depth: as in slf.build().  finest_level: the finest to keep.
     color_type: "u8" or "half".  light: keep the scene's light.  progress: counts tiles.
     """
     half = None if color_type is None else is_half(color_type)
-    with _Opened(field) as source, reporter(progress, "repack") as report:
-        return _slf.repack(source._field, path_text(out), codec, depth, levels,
-                           sorted(subfields), half, light, memory, threads, replace, report)
+    with _opened(field) as source, reporter(progress, "repack") as report:
+        return _slf.repack(source._field, path_text(out), codec, depth, finest_level,
+                           sorted(subfields), half, light, memory, threads, force, report)
 
 
 def merge(parts: Sequence[Path], out: Path, *, part: bool = False, memory: int = _DEFAULT_MEMORY,
-          threads: int = 0, replace: bool = False, progress: Progress = None) -> MergeReport:
+          threads: int = 0, force: bool = False, progress: Progress = None) -> MergeReport:
     """Joins parts of a field: shards, levels or subfields.  part: the result may be a part."""
     with reporter(progress, "merge") as report:
         return _slf.merge([path_text(p) for p in parts], path_text(out), part, memory, threads,
-                          replace, report)
+                          force, report)
 
 
 def diff(a: Union[Field, Path], b: Union[Field, Path], *, threads: int = 0,
          progress: Progress = None) -> Difference:
     """Compares two fields tile by tile."""
-    with _Opened(a) as left, _Opened(b) as right, reporter(progress, "diff") as report:
+    with _opened(a) as left, _opened(b) as right, reporter(progress, "diff") as report:
         return _slf.diff(left._field, right._field, threads, report)
 
 
@@ -468,5 +483,5 @@ def export(field: Union[Field, Path], out: Path, *, force: bool = False,
 
 def is_half(color_type: str) -> bool:
     if color_type not in ("u8", "half"):
-        raise ValueError(f"color_type {color_type!r}: expected 'u8' or 'half'")
+        raise UsageError(f"color_type {color_type!r}: expected 'u8' or 'half'")
     return color_type == "half"

@@ -52,9 +52,9 @@ def bundle(field: Field) -> Dict[str, Any]:
     shape = field.shape
     source = field.provenance.get("source", field.provenance.get("name", ""))
     rows = {"field": field.path, "source": source,
-            "levels": f"0 to {shape.levels}",
-            "lattices": f"{shape.entry_side << shape.levels} entry, "
-                        f"{shape.exit_side << shape.levels} exit",
+            "levels": f"0 to {shape.finest_level}",
+            "lattices": f"{shape.entry_side << shape.finest_level} entry, "
+                        f"{shape.exit_side << shape.finest_level} exit",
             "codec": field.codec,
             "size": f"{field.file_bytes / 1e6:.1f} MB"}
     table = "".join(f"<tr><th style='text-align:left'>{name}</th>"

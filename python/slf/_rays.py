@@ -12,6 +12,7 @@ from typing import Any, Callable, Iterator, Mapping
 import numpy as np
 
 from . import _slf
+from ._errors import UsageError
 from ._types import Sphere, finite, point
 
 Trace = Callable[[np.ndarray, np.ndarray], Any]
@@ -78,9 +79,9 @@ def ray_scene(scene: Scene) -> Iterator[_slf.Scene]:
     center, radius = scene.sphere
     finite("sphere", (*center, radius))
     if not radius > 0:
-        raise ValueError(f"sphere {scene.sphere}: expected (center, radius) with a radius above 0")
+        raise UsageError(f"sphere {scene.sphere}: expected (center, radius) with a radius above 0")
     if scene.batch < 1:
-        raise ValueError(f"batch {scene.batch}: expected at least 1")
+        raise UsageError(f"batch {scene.batch}: expected at least 1")
     record = {"kind": "rays", "name": _name(type(scene)), **scene.provenance}
     with _called_in(scene.processes, scene.trace) as trace:
         yield _slf.ray_scene(trace, Sphere(point(center), float(radius)),

@@ -4,26 +4,101 @@ from __future__ import annotations
 
 import contextlib
 import json
-import logging
 import math
 import mmap
 import os
 import tempfile
-from typing import (Any, Callable, Dict, Iterator, List, Mapping, NamedTuple, Optional, Sequence,
-                    Tuple, Union)
+import warnings
+from typing import (Any, Callable, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple,
+                    TypedDict, Union, Unpack)
 
 import numpy as np
 
 from . import _slf
+from ._errors import UsageError
 from ._rays import Scene, ray_scene
-from ._types import Point, Tone, finite, point
+from ._types import Point, Sphere, Tone, finite, point
 
-log = logging.getLogger("slf")
+_Path = Union[str, "os.PathLike[str]"]
+
+
+class SourceSettings(TypedDict, total=False):
+    """How to read a source, as keyword arguments of slf.build(), slf.raycast() and
+    Field.evaluate(). None stands for the default."""
+
+    spacing: Optional[Sequence[float]]
+    """Of voxels: dx, dy, dz."""
+    affine: Any
+    """4×4, from the indices (x, y, z) of a voxel to world coordinates (LPS); arrays only."""
+    origin: Optional[Sequence[float]]
+    """World position of the first voxel; arrays only."""
+    name: Optional[str]
+    """What the manifest names as the source; default: the image's file, or "array"."""
+    transfer: Any
+    """A preset such as "ct-bone", a file, rows of (value, red, green, blue, opacity), or a function
+    from values [n] to [n, 4] of these, each 0 to 1; opacity is per voxel. Default: fitted to the
+    histogram."""
+    range: Optional[Sequence[float]]
+    """(low, high), the values to stretch the transfer function to."""
+    labels: Any
+    """True if the values are ids; or an array, an image or a file of ids, the parts of the
+    volume."""
+    label_table: Union[None, _Path, Mapping[int, Any]]
+    """A file, or {id: (name, (red, green, blue), opacity)}."""
+    mask: Any
+    """0 hides voxels, as does the mask of a numpy.ma array; masked ids are 0."""
+    environment: Optional[_Path]
+    """Picture of the surroundings, which light comes from."""
+    light_file: Optional[_Path]
+    """Keeps the light, for builds that differ in the field's shape only."""
+    component: Optional[int]
+    time: Optional[int]
+    array: Optional[str]
+    series: Optional[str]
+    resample: bool
+    """Which part of a file to read, as `slf build` has them."""
+    up_axis: Optional[str]
+    """Of a mesh's file, "y" or "z"."""
+    depth_kind: Optional[str]
+    """Of pictures: "z", "ray", "inverse" or "none"; default: found by comparing them."""
+    depth_scale: float
+    holdout: int
+    voxels: int
+    picture_memory: int
+    background_model: str
+    depth_cache: Optional[_Path]
+    """As `slf build` has them; depth_cache="none": no file."""
+
+
+class Settings(SourceSettings, total=False):
+    """What is seen of a source, beside how to read it: of slf.build() and slf.raycast()."""
+
+    lighting: Optional[str]
+    """"global", "shadowed" or "direct"; default: "global", unless shade, ambient or projection
+    imply "direct"."""
+    light: Optional[Sequence[float]]
+    """World direction towards the light."""
+    light_rig: Optional[_Path]
+    """Built-in rig or file: lights and sky of shadowed and global light."""
+    environment_gain: float
+    light_samples: int
+    light_bounces: int
+    light_spacing: float
+    light_memory: int
+    light_seed: int
+    """As `slf build` has them."""
+    tone: Optional[Tone]
+    shade: bool
+    """False: colours as in the transfer function, unlit."""
+    ambient: Optional[float]
+    """Share of the shading, 0 to 1, of direct light."""
+    projection: Optional[str]
+    """"mip", "minip" or "mean"."""
+    step: float
+    """Longest sample, in voxels."""
+
 
 _OF_FILES = ("component", "time", "array", "series", "resample")
-"""Settings that say which part of a file to read."""
-
-_SCENE = "scene:"
 
 
 # ---- positions -----------------------------------------------------------------------------------
@@ -47,7 +122,7 @@ def _place(origin: Any, axes: Any) -> _Place:
 def _affine_place(affine: Any) -> _Place:
     matrix = np.asarray(affine, float)
     if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
-        raise ValueError(f"affine has the shape {matrix.shape}, expected a finite 4×4 matrix")
+        raise UsageError(f"affine has the shape {matrix.shape}, expected a finite 4×4 matrix")
     return _place(matrix[:3, 3], matrix[:3, :3].T)
 
 
@@ -101,7 +176,7 @@ def _from_xarray(array: Any) -> _Voxels:
         dims = [named["z"], named["y"], named["x"]]
         array = array.transpose(*dims)
     if len(dims) != 3:
-        raise ValueError(f"dims {tuple(array.dims)}: expected three, or z, y and x among singles")
+        raise UsageError(f"dims {tuple(array.dims)}: expected three, or z, y and x among singles")
     origin, spacing = [0.0] * 3, [1.0] * 3
     for axis, dim in enumerate(reversed(dims)):
         if dim not in array.coords:
@@ -109,7 +184,7 @@ def _from_xarray(array: Any) -> _Voxels:
         at = np.asarray(array.coords[dim], float)
         steps = np.diff(at)
         if len(at) < 2 or not np.allclose(steps, steps[0], rtol=1e-3, atol=0) or steps[0] == 0:
-            raise ValueError(f"the coordinates of {dim} are not evenly spaced")
+            raise UsageError(f"the coordinates of {dim} are not evenly spaced")
         origin[axis], spacing[axis] = at[0], (at[-1] - at[0]) / (len(at) - 1)
     return _Voxels(array.data, _place(origin, np.diag(spacing)),
                    source=str(array.name) if array.name else "array")
@@ -144,7 +219,7 @@ def _unmasked(array: Any, mask: Any) -> Tuple[Any, Any]:
     the least value, so that the default transfer function does not see those beneath."""
     hidden = np.ma.getmaskarray(array)
     if isinstance(mask, (str, os.PathLike)) or hasattr(mask, "affine") or hasattr(mask, "dims"):
-        raise ValueError("mask: the array is masked itself; fill it, or pass an array as the mask")
+        raise UsageError("mask: the array is masked itself; fill it, or pass an array as the mask")
     shown = ~hidden if mask is None else ~hidden & (np.ma.filled(mask, 0) != 0)
     return array.filled(array.min() if array.count() > 0 else 0), shown
 
@@ -174,7 +249,7 @@ def _in_order(array: Any, folder: Optional[str], mapped: List[mmap.mmap]) -> np.
         array = np.ma.filled(array, 0) if np.ma.isMaskedArray(array) else np.asarray(array)
         chunks = None
     if len(array.shape) != 3:
-        raise ValueError(f"an array of shape {array.shape}: expected three axes, z, y and x")
+        raise UsageError(f"an array of shape {array.shape}: expected three axes, z, y and x")
     dtype = _type_for(np.dtype(array.dtype))
     if chunks is None:
         return np.require(array, dtype, ["C", "A"])
@@ -184,31 +259,18 @@ def _in_order(array: Any, folder: Optional[str], mapped: List[mmap.mmap]) -> np.
         part = slice(z, min(z + depth, array.shape[0]))
         values = np.asanyarray(array[part])
         if np.ma.is_masked(values):
-            raise ValueError("masked voxels in an array that is read in slabs: fill them, and "
+            raise UsageError("masked voxels in an array that is read in slabs: fill them, and "
                              "pass the mask as mask=")
         out[part] = values
     return out
 
 
-def volume_of(source: Any, *, labels: bool = False, spacing: Optional[Sequence[float]] = None,
-              affine: Any = None, origin: Optional[Sequence[float]] = None,
-              name: Optional[str] = None, like: Optional[_Place] = None,
-              folder: Optional[str] = None, reader: Optional[Mapping[str, Any]] = None,
-              mapped: List[mmap.mmap]) -> Tuple[_slf.Volume, Optional[_Place]]:
-    """A volume from an array, an image or a file; and its place, if it is no file. Maps of files
-    that hold voxels are appended to `mapped`."""
-    if isinstance(source, (str, os.PathLike)):
-        if affine is not None or origin is not None:
-            raise ValueError("affine and origin are for arrays; files state their position")
-        options: Dict[str, Any] = {**dict.fromkeys(_OF_FILES), "resample": False, **(reader or {})}
-        volume = _slf.read_volume(os.fspath(source), labels,
-                                  None if spacing is None else tuple(map(float, spacing)),
-                                  **options)
-        for note in volume.notes:
-            log.info("%s: %s", volume.source, note)
-        return volume, None
-    if reader:
-        raise ValueError(f"{', '.join(reader)}: for files only")
+def _volume(source: Any, *, labels: bool, folder: Optional[str], mapped: List[mmap.mmap],
+            spacing: Optional[Sequence[float]] = None, affine: Any = None,
+            origin: Optional[Sequence[float]] = None, name: Optional[str] = None,
+            like: Optional[_Place] = None) -> Tuple[_slf.Volume, _Place]:
+    """A volume from an array or an image, and its place. Maps of files that hold voxels are
+    appended to `mapped`."""
     voxels = _voxels(source)
     place = voxels.place
     if like is not None and voxels.source == "array":
@@ -218,18 +280,17 @@ def volume_of(source: Any, *, labels: bool = False, spacing: Optional[Sequence[f
     if spacing is not None:
         lengths = np.asarray(spacing, float)
         if lengths.shape != (3,) or not (np.isfinite(lengths) & (lengths > 0)).all():
-            raise ValueError(f"spacing {spacing}: expected three positive numbers, dx, dy, dz")
+            raise UsageError(f"spacing {spacing}: expected three positive numbers, dx, dy, dz")
         directions = place.axes / np.linalg.norm(place.axes, axis=1, keepdims=True)
         place = _place(place.origin, directions * lengths[:, None])
     if origin is not None:
         place = _place(origin, place.axes)
     if not abs(np.linalg.det(place.axes)) > 0:
-        raise ValueError("the axes of the image are singular")
+        raise UsageError("the axes of the image are singular")
     finite("scale", (voxels.slope, voxels.intercept))
     array = _in_order(voxels.array, folder, mapped)
-    path = name or voxels.source
     volume = _slf.Volume(array, tuple(place.origin), [tuple(axis) for axis in place.axes],
-                         voxels.slope, voxels.intercept, labels, path,
+                         voxels.slope, voxels.intercept, labels, name or voxels.source,
                          [voxels.source] if os.path.exists(voxels.source) else [])
     return volume, place
 
@@ -237,118 +298,97 @@ def volume_of(source: Any, *, labels: bool = False, spacing: Optional[Sequence[f
 # ---- transfer functions --------------------------------------------------------------------------
 
 
-def _transfer(transfer: Any, volume: _slf.Volume) -> Tuple[str, str]:
-    """A transfer function as a reference, or as JSON."""
-    if transfer is None:
-        return "", ""
-    if isinstance(transfer, (str, os.PathLike)):
-        return os.fspath(transfer), ""
-    if callable(transfer):
-        low, high = volume.value_range
-        values = np.linspace(low, high, 256)
-        points = np.column_stack([values, np.asarray(transfer(values), float)])
-    else:
-        points = np.asarray(transfer, float)
-    if points.ndim != 2 or points.shape[1] != 5 or not np.isfinite(points).all():
-        raise ValueError(f"transfer has the shape {points.shape}, expected finite rows of value, "
-                         "red, green, blue and opacity (a function: of the last four)")
-    opacity = np.column_stack([points[:, [0, 4]], np.full(len(points), 0.5),
-                               np.zeros(len(points))])
-    return "", json.dumps({"Name": "array", "ColorSpace": "RGB",
+def _transfer(transfer: Any) -> Any:
+    """A transfer function as a reference, or as a function that makes JSON for a volume."""
+    if transfer is None or isinstance(transfer, (str, os.PathLike)):
+        return transfer
+
+    def for_volume(low: float, high: float, spacing: float) -> str:
+        if callable(transfer):
+            values = np.linspace(low, high, 256)
+            points = np.column_stack([values, np.asarray(transfer(values), float)])
+        else:
+            points = np.asarray(transfer, float)
+        if points.ndim != 2 or points.shape[1] != 5 or not np.isfinite(points).all():
+            raise UsageError(f"transfer has the shape {points.shape}, expected finite rows of "
+                             "value, red, green, blue and opacity (a function: of the last four)")
+        opacity = np.column_stack([points[:, [0, 4]], np.full(len(points), 0.5),
+                                   np.zeros(len(points))])
+        return json.dumps({"Name": "array", "ColorSpace": "RGB",
                            "RGBPoints": points[:, :4].ravel().tolist(),
                            "Points": opacity.ravel().tolist(),
-                           "ScalarOpacityUnitDistance": min(volume.spacing)})
+                           "ScalarOpacityUnitDistance": spacing})
+    return for_volume
 
 
 # ---- scenes --------------------------------------------------------------------------------------
 
-_LIGHTS = ("direct", "shadowed", "global")
-_PROJECTIONS = {None: "none", "mip": "mip", "minip": "minip", "mean": "mean"}
-Labels = Union[None, bool, Any]
+
+def _is_path(source: Any) -> bool:
+    return isinstance(source, (str, bytes, os.PathLike))
+
+
+def _arrays(source: Any, settings: Any, folder: Optional[str], mapped: List[mmap.mmap]) -> None:
+    """Replaces what is no file by volumes in memory."""
+    labels, mask = settings.pop("labels", None), settings.get("mask")
+    is_labels = settings["labels"] = isinstance(labels, (bool, np.bool_)) and bool(labels)
+    if not isinstance(labels, (bool, np.bool_)):
+        settings["labels_volume"] = labels
+    placed = {key: settings.pop(key, None) for key in ("affine", "origin", "name")}
+    place = None
+    if _is_path(source):
+        settings["input"] = source
+        if placed["affine"] is not None or placed["origin"] is not None:
+            raise UsageError("affine and origin are for arrays; files state their position")
+    else:
+        of_files = [key for key in _OF_FILES if settings.get(key)]
+        if of_files:
+            raise UsageError(f"{', '.join(of_files)}: for files only")
+        if np.ma.is_masked(source) and not is_labels:
+            source, settings["mask"] = _unmasked(source, mask)
+        settings["volume"], place = _volume(
+            source, labels=is_labels, folder=folder, mapped=mapped,
+            spacing=settings.pop("spacing", None), **placed)
+    for key, name in ("labels_volume", "labels"), ("mask", "mask"):
+        part = settings.get(key)
+        if part is not None and not _is_path(part):
+            settings[key], _ = _volume(part, labels=True, like=place, folder=folder,
+                                       mapped=mapped, name=name)
 
 
 @contextlib.contextmanager
 def scene_of(source: Any, *, linear: bool = False, folder: Optional[str] = None, threads: int = 0,
-             **settings: Any) -> Iterator[_slf.Scene]:
-    """The scene of a source. folder: for temporary files.  settings: those of volumes."""
-    is_analytic = isinstance(source, str) and source.startswith(_SCENE)
-    if not is_analytic and not isinstance(source, Scene):
-        yield _volume_scene(source, linear=linear, folder=folder, threads=threads, **settings)
-        return
-    if settings:
-        raise TypeError(f"unexpected settings, as this is no volume: {', '.join(sorted(settings))}")
-    if is_analytic:
-        yield _slf.analytic_scene(source[len(_SCENE):])
-        return
-    with ray_scene(source) as scene:
-        yield scene
-
-
-def _volume_scene(source: Any, *, linear: bool, folder: Optional[str], threads: int,
-                  spacing: Optional[Sequence[float]] = None, affine: Any = None,
-                  origin: Optional[Sequence[float]] = None, name: Optional[str] = None,
-                  transfer: Any = None, range: Optional[Sequence[float]] = None,
-                  labels: Labels = None, label_table: Any = None, mask: Any = None,
-                  light: Optional[str] = None, light_rig: str = "", environment: str = "",
-                  environment_gain: float = 1, light_samples: int = 16, light_bounces: int = 32,
-                  light_spacing: float = 2, light_memory: int = 1 << 30, light_seed: int = 1,
-                  light_file: str = "", tone: Optional[Tone] = None, shade: bool = True,
-                  light_direction: Sequence[float] = (-0.45, -0.65, 0.6),
-                  ambient: Optional[float] = None, projection: Optional[str] = None,
-                  step: float = 2, **reader: Any) -> _slf.Scene:
-    unknown = sorted(set(reader) - set(_OF_FILES))
+             sphere: Optional[Sphere] = None, truth_of: Optional[str] = None,
+             **given: Unpack[Settings]) -> Iterator[_slf.Scene]:
+    """The scene of a source. folder: for temporary files.  sphere: of pictures.  truth_of: the
+    provenance of a field to compare with, which is without settings but those of the source."""
+    known = Settings if truth_of is None else SourceSettings
+    unknown = sorted(set(given) - set(known.__annotations__))
     if unknown:
         raise TypeError(f"unexpected settings: {', '.join(unknown)}")
-    if light is None:
-        light = "global" if shade and ambient is None and projection is None else "direct"
-    if light not in _LIGHTS:
-        raise ValueError(f"light {light!r}: expected one of {', '.join(_LIGHTS)}")
-    if projection not in _PROJECTIONS:
-        raise ValueError(f"projection {projection!r}: expected mip, minip, mean or None")
-    is_labels = isinstance(labels, (bool, np.bool_)) and bool(labels)
-    if np.ma.is_masked(source) and not is_labels:
-        source, mask = _unmasked(source, mask)
+    settings: Any = {key: value for key, value in given.items() if value is not None}
+    if isinstance(source, Scene):
+        if settings:
+            raise UsageError(f"{', '.join(sorted(settings))}: not for scenes of Python")
+        with ray_scene(source) as scene:
+            yield scene
+        return
     mapped: List[mmap.mmap] = []
-    volume, place = volume_of(source, labels=is_labels, spacing=spacing, affine=affine,
-                              origin=origin, name=name, folder=folder, reader=reader,
-                              mapped=mapped)
-    if not is_labels and volume.looks_like_labels():
-        log.warning("%s: its values look like ids; labels=True shows them unblended",
-                    volume.source)
-    parts: List[Optional[_slf.Volume]] = []
-    for part, what in ((None if isinstance(labels, bool) else labels, "labels"), (mask, "mask")):
-        parts.append(None if part is None else
-                     volume_of(part, labels=True, like=place, folder=folder, mapped=mapped,
-                               name=None if isinstance(part, (str, os.PathLike)) else what)[0])
-    shown = tone or Tone()
-    for what, value in (("step", step), ("ambient", ambient or 0), ("range", range or ()),
-                        ("light_direction", light_direction), ("light_samples", light_samples),
-                        ("light_bounces", light_bounces), ("light_spacing", light_spacing),
-                        ("light_memory", light_memory), ("light_seed", light_seed),
-                        ("environment_gain", environment_gain), ("exposure", shown.exposure)):
-        finite(what, value)
-    settings = {
-        "step": float(step), "ambient": 0.3 if ambient is None else float(ambient),
-        "shade": shade and projection is None, "projection": _PROJECTIONS[projection],
-        "light": [float(x) for x in light_direction],
-        "lighting": {
-            "mode": light, "samples": light_samples, "bounces": light_bounces,
-            "spacing": float(light_spacing), "memory": light_memory, "seed": light_seed,
-            "environment_gain": float(environment_gain), "linear": linear,
-            "tone": {"exposure": float(shown.exposure), "curve": shown.curve}}}
-    reference, points = _transfer(transfer, volume)
-    table, styles = "", None
-    if isinstance(label_table, Mapping):
-        styles = {int(id): _style(style) for id, style in label_table.items()}
-    elif label_table is not None:
-        table = os.fspath(label_table)
-    scene = _slf.raycaster(volume, json.dumps(settings), reference, points,
-                           None if range is None else (float(range[0]), float(range[1])),
-                           light_rig, os.fspath(environment), parts[0], table, styles, parts[1],
-                           os.fspath(light_file), threads)
+    _arrays(source, settings, folder, mapped)
+    if isinstance(settings.get("label_table"), Mapping):
+        settings["label_table"] = {int(id): _style(style)
+                                   for id, style in settings["label_table"].items()}
+    settings["transfer"] = _transfer(settings.get("transfer"))
+    if truth_of is None:
+        settings.setdefault("depth_cache", "")  # beside the pictures
+    notes: List[str] = []
+    scene = _slf.make_scene({**settings, "linear": linear, "threads": threads, "sphere": sphere,
+                             "truth_of": truth_of}, notes)
+    for note in notes:
+        warnings.warn(note, stacklevel=4)  # where the caller of slf is, past contextlib
     for file in mapped:  # rays jump from page to page: reading ahead would be in vain
         file.madvise(mmap.MADV_RANDOM)
-    return scene
+    yield scene
 
 
 def _style(style: Any) -> Tuple[str, Optional[Point], float]:

@@ -6,6 +6,8 @@ from typing import Any, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
+from ._errors import UsageError
+
 Point = Tuple[float, float, float]
 
 
@@ -15,9 +17,9 @@ def point(values: Sequence[float]) -> Point:
 
 
 def finite(name: str, values: Any) -> None:
-    """Raises ValueError for NaN and infinities, which JSON and comparisons do not stop."""
+    """Raises UsageError for NaN and infinities, which comparisons do not stop."""
     if not np.isfinite(np.asarray(values, float)).all():
-        raise ValueError(f"{name} {values}: expected finite numbers")
+        raise UsageError(f"{name} {values}: expected finite numbers")
 
 
 class Sphere(NamedTuple):
@@ -73,8 +75,8 @@ class Shape(NamedTuple):
     sphere: Sphere
     entry_side: int
     exit_side: int
-    levels: int
-    """The finest level: levels 0 to this are stored."""
+    finest_level: int
+    """Levels 0 to this are stored."""
     entry_extra_levels: int
     subfields: Tuple[int, ...]
     """The level-0 subfields of the field; empty: all 64."""
@@ -122,6 +124,17 @@ class Picture(NamedTuple):
     """[height, width, 4], premultiplied."""
     depth: np.ndarray
     """float32 [height, width]: distance from the eye in world units, infinite where nothing is."""
+
+
+class PickedPoint(NamedTuple):
+    """A point of the surface that a picture shows."""
+
+    point: Point
+    """In world units."""
+    depth: float
+    """Its distance from the eye, in world units."""
+    uncertainty: float
+    """The standard deviation of the depth, in world units."""
 
 
 class Finding(NamedTuple):
@@ -185,6 +198,8 @@ class Evaluation(NamedTuple):
     ssim: float
     views: Tuple[Tuple[float, float], ...]
     """PSNR and SSIM of each view."""
+    differs: str
+    """Where the field's provenance is not that of the scene, as a JSON pointer; else empty."""
 
 
 class BuildReport(NamedTuple):

@@ -34,9 +34,4 @@ ToneMapping tone_of(const ToneTuple& tuple) {
                 "");
 }
 
-void map_tones(const ToneTuple& tone, Image& image) {
-  const ToneMapper map(tone_of(tone));
-  for (glm::vec4& pixel : image.rgba) pixel = map(pixel);
-}
-
 }  // namespace slf::python

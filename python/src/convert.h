@@ -56,6 +56,8 @@ py::object tuple_of(const FieldShape& shape);
 
 /// Throws if the curve is unknown.
 ToneMapping tone_of(const ToneTuple& tuple);
-void map_tones(const ToneTuple& tone, Image& image);
+inline std::optional<ToneMapping> tone_of(const std::optional<ToneTuple>& tuple) {
+  return tuple ? std::optional(tone_of(*tuple)) : std::nullopt;
+}
 
 }  // namespace slf::python

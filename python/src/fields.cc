@@ -4,12 +4,12 @@
 #include <unistd.h>
 
 #include "arrays.h"
+#include "base/try.h"
 #include "calls.h"
 #include "convert.h"
 #include "module.h"
 #include "slf/measure.h"
 #include "slf/player.h"
-#include "slf/raycaster.h"
 #include "slf/remote.h"
 #include "slf/verify.h"
 
@@ -59,17 +59,28 @@ ViewOptions view_of(const Field& field, const std::optional<std::string>& mode,
 
 py::tuple render(OpenField& open, const CameraTuple& camera, const std::optional<std::string>& mode,
                  std::optional<unsigned> level, bool depth, const std::optional<ToneTuple>& tone,
-                 std::optional<std::uint64_t> memory) {
+                 bool display, std::optional<std::uint64_t> memory) {
   const ViewOptions view = view_of(open.field(), mode, level, depth);
   LongCall call;
-  auto image = value_of(call.without_gil([&] {
-    auto drawn = open.render(camera_of(camera), view, memory, call.progress());
-    if (drawn && tone) map_tones(*tone, *drawn);
+  const auto mapping = tone_of(tone);
+  auto image = value_of(call.without_gil([&]() -> Result<Image> {
+    auto drawn = SLF_TRY(open.render(camera_of(camera), view, memory, call.progress()));
+    SLF_TRY(map_tones(open.field(), mapping, display, drawn));
     return drawn;
   }),
                         open.field().path());
   const py::array colors = colors_of(image);
   return py::make_tuple(colors, depths_of(image));
+}
+
+py::object pick(OpenField& open, const CameraTuple& camera, double x, double y) {
+  LongCall call;
+  const auto found = value_of(call.without_gil([&] { return open.pick(camera_of(camera), x, y); }),
+                              open.field().path());
+  if (!found) return py::none();
+  const glm::dvec3& p = found->point;
+  return tuple_named("PickedPoint", py::make_tuple(p.x, p.y, p.z), found->depth,
+                     found->uncertainty);
 }
 
 // ---- tiles -------------------------------------------------------------------------------------
@@ -93,7 +104,7 @@ py::list tiles(const OpenField& open, unsigned first_level, std::optional<unsign
   const py::object type = py::module_::import("slf._types").attr("Tile");
   py::list out;
   for (const ListedTile& tile : listed)
-    out.append(type(tile.address.level, tile.address.entry, tile.address.exit, name(tile.content),
+    out.append(type(tile.address.level, tile.address.entry, tile.address.exit, name(tile.state),
                     tile.payload_bytes, tile.offset_bytes));
   return out;
 }
@@ -171,7 +182,8 @@ py::object measure(const OpenField& open, const std::vector<CameraTuple>& camera
 /// One frame is drawn at a time. Without a player: closed. A forked process leaves the player
 /// alone, because the thread that it would wait for is missing there.
 struct OpenPlayer {
-  explicit OpenPlayer(Player made) : player(std::make_unique<Player>(std::move(made))) {}
+  OpenPlayer(Player made, const Field& of)
+      : player(std::make_unique<Player>(std::move(made))), field(of) {}
   ~OpenPlayer() {
     if (forked()) (void)player.release();
   }
@@ -180,6 +192,7 @@ struct OpenPlayer {
   [[nodiscard]] bool forked() const { return getpid() != process; }
 
   std::unique_ptr<Player> player;
+  std::optional<Field> field;
   std::mutex mutex;
   const pid_t process = getpid();
 };
@@ -195,10 +208,13 @@ std::unique_ptr<OpenPlayer> make_player(const OpenField& open,
   options.horizon = horizon;
   LongCall call;
   auto player = call.without_gil([&] { return Player::make(open.field(), options); });
-  return std::make_unique<OpenPlayer>(value_of(std::move(player), open.field().path()));
+  return std::make_unique<OpenPlayer>(value_of(std::move(player), open.field().path()),
+                                      open.field());
 }
 
-py::tuple draw(OpenPlayer& open, const CameraTuple& camera, const std::optional<ToneTuple>& tone) {
+py::tuple draw(OpenPlayer& open, const CameraTuple& camera, const std::optional<ToneTuple>& tone,
+               bool display) {
+  const auto mapping = tone_of(tone);
   Image image;
   FrameReport report;
   LongCall call;
@@ -207,9 +223,8 @@ py::tuple draw(OpenPlayer& open, const CameraTuple& camera, const std::optional<
       return fail(ErrorCode::usage, "the player is of the process that this one was forked from");
     const std::lock_guard lock(open.mutex);
     if (!open.player) return fail(ErrorCode::usage, "the player is closed");
-    if (auto ok = open.player->draw(camera_of(camera), image, &report); !ok) return ok;
-    if (tone) map_tones(*tone, image);
-    return {};
+    SLF_TRY(open.player->draw(camera_of(camera), image, &report));
+    return map_tones(*open.field, mapping, display, image);
   }));
   return py::make_tuple(colors_of(image),
                         tuple_named("Frame", report.seconds, report.full_share(), report.tiles,
@@ -231,6 +246,7 @@ void close(OpenPlayer& open) {
   const py::gil_scoped_release release;
   const std::lock_guard lock(open.mutex);
   open.player.reset();
+  open.field.reset();
 }
 
 }  // namespace
@@ -245,9 +261,7 @@ void bind_fields(py::module_& module) {
       .def_property_readonly("format", [](const OpenField& o) { return name(o.field().format()); })
       .def_property_readonly("codec", [](const OpenField& o) { return Text(o.field().codec()); })
       .def_property_readonly("has_depth", [](const OpenField& f) { return f.field().has_depth(); })
-      .def_property_readonly(
-          "linear",
-          [](const OpenField& f) { return view_tone(f.field().provenance()).has_value(); })
+      .def_property_readonly("linear", [](const OpenField& f) { return f.field().linear(); })
       .def_property_readonly("manifest",
                              [](const OpenField& f) { return Text(f.field().manifest()); })
       .def_property_readonly("provenance",
@@ -256,7 +270,8 @@ void bind_fields(py::module_& module) {
                              [](const OpenField& f) { return f.field().file_bytes(); })
       .def("content", content)
       .def("render", render, py::arg("camera"), py::arg("mode"), py::arg("level"), py::arg("depth"),
-           py::arg("tone"), py::arg("memory") = py::none())
+           py::arg("tone"), py::arg("display"), py::arg("memory") = py::none())
+      .def("pick", pick, py::arg("camera"), py::arg("x"), py::arg("y"))
       .def("tiles", tiles, py::arg("first_level"), py::arg("last_level"), py::arg("missing"))
       .def("tile", tile, py::arg("level"), py::arg("entry"), py::arg("exit"), py::arg("channel"))
       .def("measure", measure, py::arg("cameras"), py::arg("mode"), py::arg("levels"),
@@ -264,7 +279,7 @@ void bind_fields(py::module_& module) {
       .def("player", make_player, py::arg("mode"), py::arg("level"), py::arg("loading"),
            py::arg("horizon"));
   py::class_<OpenPlayer>(module, "Player")
-      .def("draw", draw, py::arg("camera"), py::arg("tone"))
+      .def("draw", draw, py::arg("camera"), py::arg("tone"), py::arg("display"))
       .def("settle", settle)
       .def("close", close);
   module.def("verify", verify, py::arg("path"), py::arg("field"), py::arg("quick"), py::arg("fix"),

@@ -32,6 +32,10 @@ class OpenField {
     const std::lock_guard lock(mutex_);
     return renderer().render(camera, view, nullptr, progress);
   }
+  [[nodiscard]] Result<std::optional<PickedPoint>> pick(const Camera& camera, double x, double y) {
+    const std::lock_guard lock(mutex_);
+    return slf::pick(renderer(), camera, x, y);
+  }
   /// The tiles that render() draws from.
   [[nodiscard]] TileReader tiles() {
     const std::lock_guard lock(mutex_);

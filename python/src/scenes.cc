@@ -1,15 +1,16 @@
-// Sources of rays: volumes from arrays and files, analytic scenes, functions of Python.
+// Sources of rays: what a SceneDescription states, volumes from arrays, functions of Python.
 #include "scenes.h"
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <limits>
 #include <map>
 
 #include "arrays.h"
 #include "convert.h"
 #include "module.h"
-#include "slf/raycaster.h"
+#include "slf/scene_description.h"
 
 namespace slf::python {
 namespace {
@@ -154,8 +155,10 @@ VolumeHandle volume_of(const py::array& array, const Triple& origin,
   for (py::ssize_t axis = 0; axis < 3; ++axis) {
     const py::ssize_t size = array.shape(2 - axis);
     if (size < 2 || size > std::numeric_limits<std::int32_t>::max())
-      throw py::value_error("an array of shape " + std::string(py::str(array.attr("shape"))) +
-                            ": expected 2 to 2^31 voxels along each axis");
+      throw Failure(
+          {ErrorCode::usage, "an array of shape " + std::string(py::str(array.attr("shape"))) +
+                                 ": expected 2 to 2^31 voxels along each axis"},
+          "");
     volume->dims[static_cast<std::size_t>(axis)] = static_cast<std::uint32_t>(size);
     volume->axes[static_cast<int>(axis)] = vector_of(axes[static_cast<std::size_t>(axis)]);
   }
@@ -176,105 +179,185 @@ VolumeHandle volume_of(const py::array& array, const Triple& origin,
   return volume;
 }
 
-VolumeHandle read(const Text& path, bool labels, const std::optional<Triple>& spacing,
-                  std::optional<std::uint32_t> component, std::optional<std::uint32_t> time,
-                  const std::optional<std::string>& array, const std::optional<std::string>& series,
-                  bool resample) {
-  VolumeOptions options;
-  options.labels = labels;
-  if (spacing) options.spacing = vector_of(*spacing);
-  options.component = component;
-  options.time = time;
-  options.array = array;
-  options.series = series;
-  options.resample = resample;
-  LongCall call;
-  return std::make_shared<Volume>(
-      value_of(call.without_gil([&] { return read_volume(path, options); }), path));
-}
-
-// ---- the ray-caster ----------------------------------------------------------------------------
-
-/// The transfer function for a volume: a preset by reference, the JSON of a function for this very
-/// volume, or neither.
-Result<TransferFunction> transfer_for(const Volume& volume, const std::string& reference,
-                                      const std::string& json,
-                                      const std::optional<std::array<double, 2>>& range) {
-  if (!json.empty()) return parse_transfer(json, "transfer");
-  if (reference.empty() && !range) return default_transfer(volume);
-  if (reference.empty())
-    return TransferPreset{.function = default_transfer(volume)}.fit(volume, range);
-  const auto preset = read_transfer(reference);
-  if (!preset) return tl::unexpected(preset.error());
-  return preset->fit(volume, range);
-}
+// ---- descriptions ------------------------------------------------------------------------------
 
 using Style = std::tuple<std::string, std::optional<Triple>, double>;
+using Set = std::function<void(const py::handle&)>;
 
-LabelTable label_table(const std::map<std::int64_t, Style>& styles) {
-  LabelTable table;
-  for (const auto& [id, style] : styles) {
+template <class T>
+bool is_finite(const T& value) {
+  if constexpr (std::is_floating_point_v<T>)
+    return std::isfinite(value);
+  else if constexpr (requires {
+                       value.size();
+                       value[0] * 1.0;
+                     })
+    return std::all_of(value.begin(), value.end(), [](double v) { return std::isfinite(v); });
+  else
+    return true;
+}
+
+/// Sets a member to a value of Python, as an F. Throws py::cast_error.
+template <class F, class T>
+Set as(T& member) {
+  return [&member](const py::handle& value) {
+    auto number = value.cast<F>();
+    if (!is_finite(number)) throw py::cast_error();
+    if constexpr (std::is_same_v<F, Triple>)
+      member = vector_of(number);
+    else
+      member = std::move(number);
+  };
+}
+template <class T>
+Set to(T& member) {
+  return as<T>(member);
+}
+Set text(std::string& member) { return as<Text>(member); }
+
+/// Sets a member to the value with one of these names.
+template <class T>
+Set choice(T& member, const std::map<std::string, std::common_type_t<T>>& names) {
+  return [&member, names](const py::handle& value) {
+    const auto found = names.find(value.cast<std::string>());
+    if (found == names.end()) throw py::cast_error();
+    member = found->second;
+  };
+}
+
+Set volume_source(VolumeSource& member) {
+  return [&member](const py::handle& value) {
+    if (py::isinstance<Volume>(value))
+      member.volume = value.cast<VolumeHandle>();
+    else
+      member.path = value.cast<Text>();
+  };
+}
+
+void set_styles(SceneDescription& description, const py::handle& value) {
+  if (!py::isinstance<py::dict>(value)) {
+    description.label_table = value.cast<Text>();
+    return;
+  }
+  LabelTable& table = description.styles.emplace();
+  for (const auto& [id, style] : value.cast<std::map<std::int64_t, Style>>()) {
     const auto& [name, color, opacity] = style;
     table[id] = {name, {}, opacity};
     if (color) table[id].color = vector_of(*color);
   }
-  return table;
 }
 
-SceneHandle raycaster(Volume volume, const std::string& settings, const Text& transfer,
-                      const std::string& transfer_json,
-                      const std::optional<std::array<double, 2>>& range, const Text& rig,
-                      const Text& environment, const VolumeHandle& labels, const Text& table,
-                      const std::optional<std::map<std::int64_t, Style>>& styles,
-                      const VolumeHandle& mask, const Text& light_file, unsigned threads) {
+/// A function of Python from (low, high, spacing) to the JSON of a transfer function, or a name.
+void set_transfer(SceneDescription& description, const py::handle& value) {
+  if (!py::isinstance<py::function>(value)) {
+    description.transfer = value.cast<Text>();
+    return;
+  }
+  description.make_transfer = [fn = py::reinterpret_borrow<py::function>(value)](const Volume& v) {
+    const py::gil_scoped_acquire acquire;
+    const auto [low, high] = v.value_range();
+    const glm::dvec3 spacing = v.spacing();
+    return parse_transfer(
+        fn(low, high, std::min({spacing.x, spacing.y, spacing.z})).cast<std::string>(), "transfer");
+  };
+}
+
+/// How settings are called in Python, and what they set.
+std::map<std::string, Set> setters(SceneDescription& d) {
+  RaycastOptions& rays = d.raycast;
+  LightOptions& light = rays.lighting;
+  return {
+      {"input", text(d.input)},
+      {"volume", [&d](const py::handle& value) { d.volume = value.cast<VolumeHandle>(); }},
+      {"labels", to(d.reading.labels)},
+      {"component", as<std::uint32_t>(d.reading.component)},
+      {"time", as<std::uint32_t>(d.reading.time)},
+      {"array", as<Text>(d.reading.array)},
+      {"series", as<Text>(d.reading.series)},
+      {"resample", to(d.reading.resample)},
+      {"spacing", as<Triple>(d.reading.spacing)},
+      {"transfer", [&d](const py::handle& value) { set_transfer(d, value); }},
+      {"range", as<std::array<double, 2>>(d.range)},
+      {"labels_volume", volume_source(d.labels_volume)},
+      {"mask", volume_source(d.mask)},
+      {"label_table", [&d](const py::handle& value) { set_styles(d, value); }},
+      {"step", to(rays.step)},
+      {"projection", choice(rays.projection, {{"mip", Projection::maximum},
+                                              {"minip", Projection::minimum},
+                                              {"mean", Projection::mean}})},
+      {"shade", to(rays.shade)},
+      {"ambient", as<float>(d.ambient)},
+      {"light", as<Triple>(d.light)},
+      {"lighting",
+       [&d](const py::handle& value) {
+         choice(d.lighting.emplace(), {{"direct", Lighting::direct},
+                                       {"shadowed", Lighting::shadowed},
+                                       {"global", Lighting::global}})(value);
+       }},
+      {"light_rig", text(d.light_rig)},
+      {"environment", text(d.environment)},
+      {"environment_gain", to(light.environment_gain)},
+      {"light_samples", to(light.samples)},
+      {"light_bounces", to(light.bounces)},
+      {"light_spacing", to(light.spacing)},
+      {"light_memory", to(light.memory)},
+      {"light_seed", to(light.seed)},
+      {"light_file", text(d.light_volume.file)},
+      {"tone", [&](const py::handle& value) { light.tone = tone_of(value.cast<ToneTuple>()); }},
+      {"linear", to(light.linear)},
+      {"up_axis", choice(d.up_axis, {{"y", UpAxis::y}, {"z", UpAxis::z}})},
+      {"depth_kind", choice(d.pictures.depth, {{"z", DepthKind::z},
+                                               {"ray", DepthKind::ray},
+                                               {"inverse", DepthKind::inverse},
+                                               {"none", DepthKind::none}})},
+      {"depth_scale", to(d.pictures.depth_scale)},
+      {"holdout", to(d.pictures.holdout)},
+      {"voxels", to(d.pictures.voxels)},
+      {"picture_memory", to(d.pictures.memory)},
+      {"background_model", choice(d.pictures.keep_background, {{"keep", true}, {"drop", false}})},
+      {"depth_cache", as<Text>(d.depth_cache)},
+      {"sphere",
+       [&d](const py::handle& value) { d.pictures.sphere = sphere_of(value.cast<SphereTuple>()); }},
+      {"truth_of", text(d.truth_of)},
+      {"threads", to(d.light_volume.threads)}};
+}
+
+/// The scene that `settings` describe, which None leaves out. `notes` gets what people should know.
+SceneHandle described_scene(const py::dict& settings, py::list notes) {
+  SceneDescription description;
+  const auto set = setters(description);
+  for (const auto& [key, value] : settings) {
+    const auto setter = set.find(key.cast<std::string>());
+    if (setter == set.end()) throw py::type_error("unexpected setting " + key.cast<std::string>());
+    try {
+      if (!value.is_none()) setter->second(value);
+    } catch (const py::cast_error&) {
+      throw Failure({ErrorCode::usage,
+                     setter->first + ": unexpected value " + py::repr(value).cast<std::string>()},
+                    "");
+    }
+  }
+  if (description.depth_cache == "none") description.depth_cache.reset();
+  description.light_volume.progress = LightProgress::report;
+  const auto found = std::make_shared<Texts>();
+  description.on_note = [found](const std::string& note, const char* choice) {
+    found->emplace_back(choice ? note + "; see the setting " + choice : note);
+  };
   SceneHandle handle;
   LongCall call;
-  const std::string source = volume.source;
-  auto made = handle.trace(call, [&]() -> Result<std::unique_ptr<Raycaster>> {
-    RaycastOptions options = raycast_options(settings);
-    if (!rig.empty()) {
-      auto read = read_rig(rig);
-      if (!read) return tl::unexpected(read.error());
-      options.lighting.rig = std::move(*read);
-    }
-    if (!environment.empty()) {
-      auto picture = read_image(environment);
-      if (!picture) return tl::unexpected(picture.error());
-      options.lighting.environment = std::make_shared<const Image>(std::move(*picture));
-    }
-    options.structures.labels = labels;
-    options.structures.mask = mask;
-    if (!table.empty()) {
-      auto read = read_label_table(table);
-      if (!read) return tl::unexpected(read.error());
-      options.structures.styles = std::move(*read);
-    } else if (styles) {
-      options.structures.styles = label_table(*styles);
-    } else if (labels) {
-      options.structures.styles = labels->label_styles;
-    }
-    const auto function = transfer_for(volume, transfer, transfer_json, range);
-    if (!function) return tl::unexpected(function.error());
-    for (const std::string& file : std::initializer_list<std::string>{
-             transfer_file(transfer), rig, environment, table, light_file})
-      volume.files.push_back(file);
-    return Raycaster::make(std::move(volume), *function, options,
-                           {threads, LightProgress::report, light_file, true});
-  });
-  handle.scene = value_of(std::move(made), source);
+  handle.scene =
+      value_of(handle.trace(call, [&] { return make_scene(description); }), description.input);
+  for (const Text& note : *found) notes.append(note);
   return handle;
 }
 
 /// A picture of the scene's rays themselves.
 py::tuple raycast(const SceneHandle& handle, const CameraTuple& camera, unsigned threads,
-                  const std::optional<ToneTuple>& tone, py::object progress) {
+                  py::object progress) {
   LongCall call(std::move(progress));
-  auto image = value_of(handle.trace(call, [&]() -> Result<Image> {
-    if (auto ok = handle.scene->prepare(); !ok) return tl::unexpected(ok.error());
-    auto drawn = trace_view(*handle.scene, handle.scene->bounds(), camera_of(camera), threads,
-                            call.progress());
-    if (drawn && tone) map_tones(*tone, *drawn);
-    return drawn;
+  auto image = value_of(handle.trace(call, [&] {
+    return trace_view(*handle.scene, handle.scene->bounds(), camera_of(camera), threads,
+                      call.progress());
   }));
   const py::array colors = colors_of(image);
   return py::make_tuple(colors, depths_of(image));
@@ -286,34 +369,14 @@ void bind_scenes(py::module_& module) {
   py::class_<Volume, VolumeHandle>(module, "Volume")
       .def(py::init(&volume_of), py::arg("array"), py::arg("origin"), py::arg("axes"),
            py::arg("slope"), py::arg("intercept"), py::arg("labels"), py::arg("source"),
-           py::arg("files"))
-      .def_readonly("dims", &Volume::dims)
-      .def_property_readonly("notes",
-                             [](const Volume& v) { return Texts(v.notes.begin(), v.notes.end()); })
-      .def_property_readonly("source", [](const Volume& v) { return Text(v.source); })
-      .def_readonly("labels", &Volume::labels)
-      .def_property_readonly("spacing", [](const Volume& v) { return triple_of(v.spacing()); })
-      .def_property_readonly("value_range", &Volume::value_range)
-      .def("looks_like_labels", [](const Volume& v) { return looks_like_labels(v); });
-  module.def("read_volume", read, py::arg("path"), py::arg("labels"), py::arg("spacing"),
-             py::arg("component"), py::arg("time"), py::arg("array"), py::arg("series"),
-             py::arg("resample"));
+           py::arg("files"));
   py::class_<SceneHandle>(module, "Scene")
       .def_property_readonly("bounds",
                              [](const SceneHandle& s) { return tuple_of(s.scene->bounds()); })
       .def_property_readonly("provenance",
                              [](const SceneHandle& s) { return Text(s.scene->provenance()); })
-      .def("raycast", raycast, py::arg("camera"), py::arg("threads"), py::arg("tone"),
-           py::arg("progress"));
-  module.def("raycaster", raycaster, py::arg("volume"), py::arg("settings"), py::arg("transfer"),
-             py::arg("transfer_json"), py::arg("range"), py::arg("rig"), py::arg("environment"),
-             py::arg("labels"), py::arg("label_table"), py::arg("styles"), py::arg("mask"),
-             py::arg("light_file"), py::arg("threads"));
-  module.def("analytic_scene", [](const std::string& name) {
-    SceneHandle handle;
-    handle.scene = value_of(make_analytic_scene(name));
-    return handle;
-  });
+      .def("raycast", raycast, py::arg("camera"), py::arg("threads"), py::arg("progress"));
+  module.def("make_scene", described_scene, py::arg("settings"), py::arg("notes"));
   module.def(
       "ray_scene",
       [](py::object fn, const SphereTuple& sphere, const std::string& provenance, std::size_t batch,

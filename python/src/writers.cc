@@ -7,7 +7,6 @@
 #include "slf/build.h"
 #include "slf/measure.h"
 #include "slf/merge.h"
-#include "slf/raycaster.h"
 #include "slf/repack.h"
 
 namespace slf::python {
@@ -16,24 +15,24 @@ namespace {
 using Levels = std::array<std::optional<unsigned>, 2>;
 
 py::object build(const SceneHandle& handle, const Text& path, const SphereTuple& sphere,
-                 std::uint32_t entry, std::uint32_t exit, unsigned levels,
+                 std::uint32_t entry, std::uint32_t exit, unsigned finest_level,
                  unsigned entry_extra_levels, const std::string& codec, bool depth, bool half,
-                 unsigned threads, double commit_seconds, bool replace,
-                 const std::pair<std::uint32_t, std::uint32_t>& shard, const Levels& shard_levels,
+                 unsigned threads, double commit_seconds, bool force,
+                 const std::pair<std::uint32_t, std::uint32_t>& shard, const Levels& only_levels,
                  const Text& coarser, py::object progress) {
   BuildOptions options;
   options.shape.sphere = sphere_of(sphere);
   options.shape.entry_side = entry;
   options.shape.exit_side = exit;
-  options.shape.levels = levels;
+  options.shape.levels = finest_level;
   options.shape.entry_extra_levels = entry_extra_levels;
   options.codec = codec;
   options.depth = depth;
   options.half = half;
   options.threads = threads;
   options.commit_seconds = commit_seconds;
-  options.replace = replace;
-  options.shard = {shard.first, shard.second, shard_levels[0], shard_levels[1], coarser};
+  options.replace = force;
+  options.shard = {shard.first, shard.second, only_levels[0], only_levels[1], coarser};
   LongCall call(std::move(progress));
   const auto report = value_of(
       handle.trace(call,
@@ -89,38 +88,38 @@ py::object diff(const OpenField& a, const OpenField& b, unsigned threads, py::ob
 
 py::object evaluate(const OpenField& open, const SceneHandle& handle,
                     const std::vector<CameraTuple>& cameras, const std::optional<std::string>& mode,
-                    unsigned level, std::uint32_t supersample, py::object progress) {
+                    std::optional<unsigned> level, std::uint32_t supersample, py::object progress) {
   EvaluateOptions options{cameras_of(cameras)};
   options.view.mode = mode ? value_of(parse_render_mode(*mode)) : default_mode(open.field());
-  options.view.level = level;
+  options.view.level = level.value_or(kMatchingLevel);
   options.renderer = open.options();
   options.supersample = supersample;
   LongCall call(std::move(progress));
-  const auto compare = [&]() -> Result<Evaluation> {
-    if (const auto light = open.field().light()) handle.scene->set_light(*light);
-    if (auto ok = handle.scene->prepare(); !ok) return tl::unexpected(ok.error());
-    return evaluate_views(open.field(), *handle.scene, options, call.progress());
-  };
-  const auto evaluation = value_of(handle.trace(call, compare), open.field().path());
+  const auto evaluation = value_of(
+      handle.trace(
+          call,
+          [&] { return evaluate_views(open.field(), *handle.scene, options, call.progress()); }),
+      open.field().path());
   py::list views;
   for (const ViewQuality& v : evaluation.views) views.append(py::make_tuple(v.psnr, v.ssim));
-  return tuple_named("Evaluation", evaluation.psnr, evaluation.ssim, py::tuple(views));
+  return tuple_named("Evaluation", evaluation.psnr, evaluation.ssim, py::tuple(views),
+                     evaluation.differs);
 }
 
 }  // namespace
 
 void bind_writers(py::module_& module) {
   module.def("build", build, py::arg("scene"), py::arg("path"), py::arg("sphere"), py::arg("entry"),
-             py::arg("exit"), py::arg("levels"), py::arg("entry_extra_levels"), py::arg("codec"),
-             py::arg("depth"), py::arg("half"), py::arg("threads"), py::arg("commit_seconds"),
-             py::arg("replace"), py::arg("shard"), py::arg("shard_levels"), py::arg("coarser"),
-             py::arg("progress"));
+             py::arg("exit"), py::arg("finest_level"), py::arg("entry_extra_levels"),
+             py::arg("codec"), py::arg("depth"), py::arg("half"), py::arg("threads"),
+             py::arg("commit_seconds"), py::arg("force"), py::arg("shard"), py::arg("only_levels"),
+             py::arg("coarser"), py::arg("progress"));
   module.def("repack", repack, py::arg("field"), py::arg("path"), py::arg("codec"),
-             py::arg("depth"), py::arg("levels"), py::arg("subfields"), py::arg("half"),
-             py::arg("light"), py::arg("memory"), py::arg("threads"), py::arg("replace"),
+             py::arg("depth"), py::arg("finest_level"), py::arg("subfields"), py::arg("half"),
+             py::arg("light"), py::arg("memory"), py::arg("threads"), py::arg("force"),
              py::arg("progress"));
   module.def("merge", merge, py::arg("parts"), py::arg("path"), py::arg("part"), py::arg("memory"),
-             py::arg("threads"), py::arg("replace"), py::arg("progress"));
+             py::arg("threads"), py::arg("force"), py::arg("progress"));
   module.def("diff", diff, py::arg("a"), py::arg("b"), py::arg("threads"), py::arg("progress"));
   module.def("evaluate", evaluate, py::arg("field"), py::arg("scene"), py::arg("cameras"),
              py::arg("mode"), py::arg("level"), py::arg("supersample"), py::arg("progress"));

@@ -2,6 +2,7 @@
 
 import os
 import pathlib
+import signal
 import struct
 import subprocess
 
@@ -10,8 +11,12 @@ import pytest
 
 import slf
 
-SMALL = dict(entry=2, exit=8, levels=1)
+SMALL = dict(entry=2, exit=8, finest_level=1)
 SMALL_ARGUMENTS = ["--entry", "2", "--exit", "8", "--levels", "1"]
+
+
+# Where the tests run in the background of a shell, SIGINT is ignored, and Python leaves that so.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(scope="session")

@@ -41,7 +41,7 @@ def test_field_shows_its_page_beside_the_picture(balls, tmp_path):
 
 
 def test_html_escapes_what_the_file_says(tmp_path):
-    scene = slf.build("scene:balls", tmp_path / "<b>&.slf", entry=2, exit=4, levels=0)
+    scene = slf.build("scene:balls", tmp_path / "<b>&.slf", entry=2, exit=4, finest_level=0)
     html = scene._repr_mimebundle_()["text/html"]
     assert "<b>" not in html and "&lt;b&gt;&amp;.slf" in html
 
@@ -127,7 +127,7 @@ def test_a_build_keeps_the_files_of_its_settings(tmp_path):
     for out in before:
         with pytest.raises(slf.UsageError, match="is the input"):
             slf.build(mapped, out, name="voxels", transfer=f"{maps}#Mine", light_rig=str(rig),
-                      light="shadowed", light_samples=1, entry=2, exit=4, levels=0, replace=True)
+                      lighting="shadowed", light_samples=1, entry=2, exit=4, finest_level=0, force=True)
     assert {file: file.read_bytes() for file in tmp_path.iterdir()} == before
 
 

@@ -43,7 +43,7 @@ def test_field_shows_what_the_function_says(tmp_path):
         sizes.append(len(origins))
         return ball(origins, targets)
 
-    settings = dict(entry=4, exit=16, levels=1, codec="predictive:lossless")
+    settings = dict(entry=4, exit=16, finest_level=1, codec="predictive:lossless")
     with slf.build_rays(counted, BALL, tmp_path / "a.slf", batch=500, **settings) as field:
         assert field.sphere == BALL and max(sizes) == 500
         picture = field.render(slf.orbit(0, 0, 3), (65, 65), depth=True)
@@ -64,7 +64,7 @@ class _Ball(slf.Scene):
 def test_batches_do_not_change_the_field(tmp_path):
     for batch in (1, 7, 100000):
         slf.build_rays(ball, BALL, tmp_path / f"{batch}.slf", batch=batch, entry=2, exit=4,
-                       levels=0).close()
+                       finest_level=0).close()
     first = (tmp_path / "1.slf").read_bytes()
     assert (tmp_path / "7.slf").read_bytes() == (tmp_path / "100000.slf").read_bytes() == first
 

@@ -1,11 +1,13 @@
 """Reading fields: content, pictures, tiles, and what goes wrong."""
 
 import gc
+import multiprocessing
 import os
 import pathlib
 import pickle
 import signal
 import threading
+from concurrent.futures import ProcessPoolExecutor
 
 import numpy as np
 import pytest
@@ -14,7 +16,7 @@ import slf
 
 
 def test_states_shape_and_content(balls):
-    assert (balls.levels, balls.shape.entry_side, balls.shape.exit_side) == (1, 2, 8)
+    assert (balls.finest_level, balls.shape.entry_side, balls.shape.exit_side) == (1, 2, 8)
     assert balls.sphere.radius > 0
     assert balls.manifest["provenance"] == balls.provenance
     content = balls.content()
@@ -158,10 +160,10 @@ def test_verify_repack_diff_and_merge(balls_path, tmp_path):
     assert slf.verify(balls_path).ok
     with slf.open(balls_path) as field:
         assert slf.verify(field, quick=True).complete
-        report = slf.repack(field, tmp_path / "coarse.slf", levels=0)
+        report = slf.repack(field, tmp_path / "coarse.slf", finest_level=0)
         assert report.recoded == 0 and report.tiles == 64
         with pytest.raises(slf.UsageError):
-            slf.repack(field, tmp_path / "coarse.slf", levels=0)
+            slf.repack(field, tmp_path / "coarse.slf", finest_level=0)
         assert slf.diff(field, balls_path).equal
         other = slf.diff(field, tmp_path / "coarse.slf")
     assert not other.equal and other.channels[0].only_in_a == 1024
@@ -189,6 +191,16 @@ def test_measures_and_evaluates(balls):
     assert measurement.levels[1].tiles_touched.max >= measurement.levels[1].tiles_touched.mean
     evaluation = balls.evaluate("scene:balls", 2, (64, 64))
     assert len(evaluation.views) == 2 and 10 < evaluation.psnr < 60 and 0 < evaluation.ssim <= 1
+
+
+def test_fields_and_cameras_are_pickled(balls):
+    for camera in (slf.orbit(10, 20, 3), slf.Camera((0, -3, 0), (0, 0, 0))):
+        assert pickle.loads(pickle.dumps(camera)) == camera
+    with pickle.loads(pickle.dumps(balls)) as again:
+        assert again.path == balls.path
+        assert np.array_equal(again.render(size=(16, 16)), balls.render(size=(16, 16)))
+    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
+        assert pool.submit(slf.Field.thumbnail, balls, 16).result().shape == (16, 16, 4)
 
 
 def test_player_draws_what_the_field_draws(balls):

@@ -56,8 +56,9 @@ struct CompleteRecord {
 struct NewTile {
   TileKey key;
   TileState state = TileState::empty;
-  Payload payload;
-  std::optional<std::uint64_t> checksum;  ///< of the payload, if known
+  Payload payload = {};
+  std::optional<std::uint64_t> checksum = {};  ///< of the payload, if known
+  std::size_t record_bytes = 0;  ///< of a record that ends with this tile; set by RecordBuilder
 };
 
 /// Thread-safety: none.
@@ -82,16 +83,11 @@ class RecordBuilder {
   }
 
  private:
-  struct PendingTile : NewTile {
-    std::size_t record_bytes = 0;  ///< of a record that ends with this tile
-  };
-
-  void add(PendingTile tile, std::vector<CompleteRecord>& out);
   [[nodiscard]] std::size_t best_record_end() const;
   void end_record(std::size_t tiles, std::vector<CompleteRecord>& out);
 
   std::optional<TileKey> previous_;
-  std::vector<PendingTile> pending_;
+  std::vector<NewTile> pending_;
   std::size_t code_bytes_ = 0;
   std::size_t stored_ = 0;
   std::size_t payload_bytes_ = 0;  ///< with padding

@@ -158,7 +158,7 @@ TEST_F(PreciousFiles, NoCommandWritesOverAFileThatItReads) {
                        "mask.nhdr", "mask.raw", "rig.json",  "env.exr",  "scene.light"};
   const Words gltf{"m.gltf", "m.bin", "m.png"}, obj{"o.obj", "o.mtl", "t.png"};
   const Words pictures{"pp/transforms.json", "pp/images/0001.exr", "pp/mask.png"};
-  const std::string sparse = " --voxels 32 --depth none";
+  const std::string sparse = " --voxels 32 --depth-kind none";
   std::vector<Command> commands{
       {"render a.slf --size 8 -f -o OUT", "o.png", {"a.slf"}},
       {"tile a.slf 0/0 --format raw -f -o OUT", "o.raw", {"a.slf"}},
@@ -193,7 +193,7 @@ TEST_F(PreciousFiles, NoCommandWritesOverAFileThatItReads) {
     if (more.empty())
       commands.push_back({std::string("cameras ") + source + " -f -o OUT", "o.json", inputs});
   }
-  commands.push_back({"pictures depth pp --depth none -f -o OUT", "o.png", pictures});
+  commands.push_back({"pictures depth pp --depth-kind none -f -o OUT", "o.png", pictures});
   if (has_page())
     for (const char* output : {"o.html", "o.htm", "o/index.html", "o/page.js", "o/field.slf"}) {
       commands.push_back({"export a.slf --codec zstd:2 -f -o OUT", output, {"a.slf"}});

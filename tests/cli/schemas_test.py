@@ -42,6 +42,7 @@ CASES = {
              "info pictures:balls --json"],
     "merge": ["merge part-1.slf part-2.slf -o M.slf --json"],
     "render": ["render F.slf -o x.png -f --size 32 --json"],
+    "pick": ["pick F.slf --size 32 16,16 --json", "pick F.slf --size 32 0,0 --json"],
     "measure": ["measure F.slf G.slf --views 2 --size 32 --json"],
     "evaluate": ["evaluate F.slf --volume scene:balls --views 2 --size 32 --json",
                  "evaluate F.slf --pictures balls --json"],

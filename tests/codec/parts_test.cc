@@ -158,6 +158,51 @@ TEST(Fill, LeavesWhatMattersAlone) {
   }
 }
 
+/// What fill() does, pixel by pixel.
+void fill_plainly(std::size_t width, std::size_t height, const std::vector<float>& weight,
+                  std::vector<float>& values) {
+  if (width * height <= 1 || std::ranges::count(weight, 0.f) == std::ssize(weight)) return;
+  const std::size_t across = (width + 1) / 2, down = (height + 1) / 2;
+  std::vector<float> means(across * down), total(means.size());
+  for (std::size_t y = 0; y < height; ++y)
+    for (std::size_t x = 0; x < width; ++x) {
+      const std::size_t to = y / 2 * across + x / 2, from = y * width + x;
+      means[to] += weight[from] * values[from];
+      total[to] += weight[from];
+    }
+  for (std::size_t k = 0; k < means.size(); ++k) {
+    if (total[k] > 0) means[k] /= total[k];
+    total[k] = std::min(total[k], 1.f);
+  }
+  fill_plainly(across, down, total, means);
+  const auto beside = [](std::size_t fine, std::size_t size) {
+    return fine % 2 == 1 ? std::min(fine / 2 + 1, size - 1)
+                         : std::max<std::size_t>(fine / 2, 1) - 1;
+  };
+  for (std::size_t y = 0; y < height; ++y)
+    for (std::size_t x = 0; x < width; ++x) {
+      const std::size_t u = x / 2, u2 = beside(x, across), k = y * width + x;
+      const float *near = &means[y / 2 * across], *far = &means[beside(y, down) * across];
+      const float mean = (9 * near[u] + 3 * near[u2] + 3 * far[u] + far[u2]) / 16;
+      values[k] = weight[k] * values[k] + (1 - weight[k]) * mean;
+    }
+}
+
+RC_GTEST_PROP(Fill, GivesTheFloatsOfItsDefinition, ()) {
+  const auto width = *rc::gen::inRange<std::size_t>(1, 80);
+  const auto height = *rc::gen::inRange<std::size_t>(1, 20);
+  std::vector<float> values, weight;
+  for (const auto byte : *rc::gen::container<std::vector<std::uint8_t>>(
+           width * height, rc::gen::arbitrary<std::uint8_t>())) {
+    values.push_back(static_cast<float>(byte) - 99);
+    weight.push_back(byte % 3 == 0 ? 0.f : byte % 3 == 1 ? 1.f : static_cast<float>(byte) / 256);
+  }
+  std::vector<float> expected = values;
+  fill_plainly(width, height, weight, expected);
+  fill(width, height, weight, values);
+  RC_ASSERT(values == expected);
+}
+
 TEST(Fill, WithoutAnyWeightChangesNothing) {
   std::vector<float> values(9, 5);
   const std::vector<float> weight(9);

@@ -15,9 +15,9 @@ namespace {
 constexpr SampleFormat kFormats[] = {SampleFormat::rgba8_depth8, SampleFormat::rgba16f_depth8};
 
 /// Predicts 8-bit samples, off by up to `noise`, from the first and the last of four candidates.
-class NoisyPredictor final : public Predictor {
+class Noisy {
  public:
-  NoisyPredictor(const SampleTile& like, int noise) {
+  Noisy(const SampleTile& like, int noise) {
     std::mt19937 random(1);
     const auto near = [&](std::byte value) {
       const int off = noise == 0 ? 0 : static_cast<int>(random() % (2u * noise + 1)) - noise;
@@ -33,20 +33,10 @@ class NoisyPredictor final : public Predictor {
     }
   }
 
-  unsigned level() const override { return 1; }
-  std::span<const std::uint8_t> kinds() const override { return kKinds; }
-  Result<std::vector<std::uint8_t>> choose(std::span<const std::uint8_t>,
-                                           std::span<const std::uint8_t>) override {
-    return kUsed;
-  }
-  Result<Prediction> predict(std::span<const std::uint8_t> used) override {
-    if (!std::ranges::equal(used, kUsed)) return fail(ErrorCode::bad_file, "other candidates");
-    return Prediction{alpha_, depth_, color_};
-  }
+  [[nodiscard]] Predicted predicted() const { return {1, kKinds, kUsed, {alpha_, depth_, color_}}; }
 
  private:
-  static constexpr std::uint8_t kKinds[] = {0, 1, 2, 3};
-  const std::vector<std::uint8_t> kUsed{1, 0, 0, 1};
+  static constexpr std::uint8_t kKinds[] = {0, 1, 2, 3}, kUsed[] = {1, 0, 0, 1};
   std::vector<std::uint8_t> alpha_, depth_;
   std::vector<std::uint32_t> color_;
 };
@@ -59,12 +49,12 @@ PredictiveCodec make(int quality, SampleFormat format) {
 /// A tile with noise around `content` predicted.
 struct Picture {
   SampleTile sample;
-  NoisyPredictor predictor;
+  Noisy noisy;
 
   Picture(SampleFormat format, std::size_t rows, std::uint32_t side, int noise,
           Content content = Content::disc)
       : sample(make_tile(format, rows, side, content)),
-        predictor(make_tile(SampleFormat::rgba8_depth8, rows, side, Content::disc), noise) {
+        noisy(make_tile(SampleFormat::rgba8_depth8, rows, side, Content::disc), noise) {
     // Depth is not kept where nothing is visible; colour is.
     const TileShape& tile = sample.tile;
     const std::size_t bytes = color_bytes(format), alpha = bytes / 4;
@@ -78,13 +68,15 @@ struct Picture {
   }
   Bytes encode(const Codec& codec) {
     Bytes payload;
-    EXPECT_TRUE(codec.encode(sample.tile, sample.samples, &predictor, payload));
+    const Predicted from = noisy.predicted();
+    EXPECT_TRUE(codec.encode(sample.tile, sample.samples, &from, payload));
     return payload;
   }
   /// Whether the payload is accepted.
   bool decode(const Codec& codec, ByteSpan payload, Bytes& samples) {
     samples.assign(sample.tile.bytes(), std::byte{77});
-    return codec.decode(sample.tile, payload, &predictor, samples).has_value();
+    const Predicted from = noisy.predicted();
+    return codec.decode(sample.tile, payload, &from, samples).has_value();
   }
 };
 
@@ -137,7 +129,7 @@ TEST(PredictiveChannels, PayloadsNameTheChosenCandidates) {
   for (const auto format : kFormats) {
     Picture picture(format, 3, 5, 9);
     const auto codec = make(kLosslessQuality, format);
-    EXPECT_EQ(codec.references(picture.predictor, picture.encode(codec)),
+    EXPECT_EQ(codec.references(1, picture.noisy.predicted().kinds, picture.encode(codec)),
               (std::vector<std::uint8_t>{1, 0, 0, 1}));
   }
 }

@@ -59,16 +59,6 @@ struct Coded {
   std::vector<std::uint32_t> rgba;
 };
 
-Coded encode(const PredictiveLevel& level, const TileShape& tile, const Scene& scene) {
-  Coded coded{{}, scene.depth, scene.rgba};
-  const TilePicture picture(tile);
-  PredictiveEncoder encoder(level, picture, coded.payload);
-  encoder.references(scene.kinds, scene.used);
-  encoder.encode({scene.predicted_alpha, scene.predicted_depth, scene.predicted}, coded.depth,
-                 coded.rgba);
-  return coded;
-}
-
 /// Whether the payload is accepted.
 bool decode(const PredictiveLevel& level, const TileShape& tile, const Scene& scene,
             ByteSpan payload, Coded& out, std::vector<std::uint8_t>* used = nullptr) {
@@ -85,6 +75,22 @@ bool decode(const PredictiveLevel& level, const TileShape& tile, const Scene& sc
       .has_value();
 }
 
+/// The payload, and what it decodes to.
+Coded encode(const PredictiveLevel& level, const TileShape& tile, const Scene& scene) {
+  const TilePicture picture(tile);
+  Bytes payload;
+  PredictiveEncoder encoder(level, picture, payload);
+  encoder.references(scene.kinds, scene.used);
+  encoder.encode({scene.predicted_alpha, scene.predicted_depth, scene.predicted}, scene.depth,
+                 scene.rgba);
+  Coded coded;
+  std::vector<std::uint8_t> used;
+  EXPECT_TRUE(decode(level, tile, scene, payload, coded, &used));
+  EXPECT_EQ(used, scene.used);
+  coded.payload = std::move(payload);
+  return coded;
+}
+
 double psnr(const std::vector<std::uint32_t>& a, const std::vector<std::uint32_t>& b) {
   double sum = 0;
   for (std::size_t k = 0; k < a.size(); ++k)
@@ -99,7 +105,7 @@ SampleTile shape(std::size_t rows, std::uint32_t side) {
   return make_tile(SampleFormat::rgba8, rows, side, Content::zero);
 }
 
-TEST(Predictive, DecodesWhatTheEncoderSaidItWould) {
+TEST(Predictive, WhatIsEncodedIsAccepted) {
   for (const int quality : {1, 60, 90, 100})
     for (const bool soft : {false, true})
       for (const std::size_t rows : {1, 2, 7, 45})
@@ -107,14 +113,12 @@ TEST(Predictive, DecodesWhatTheEncoderSaidItWould) {
           const PredictiveTables tables = predictive_tables({quality}, 1);
           const SampleTile sample = shape(rows, side);
           const Scene scene = make_scene(sample.tile, soft, 1, 9);
+          SCOPED_TRACE(::testing::Message()
+                       << quality << ", soft " << soft << ", " << rows << " rows, side " << side);
           const Coded coded = encode(tables.level(1), sample.tile, scene);
-          Coded back;
-          std::vector<std::uint8_t> used;
-          ASSERT_TRUE(decode(tables.level(1), sample.tile, scene, coded.payload, back, &used))
-              << quality << ", soft " << soft << ", " << rows << " rows, side " << side;
-          EXPECT_EQ(used, scene.used);
-          EXPECT_EQ(back.depth, coded.depth);
-          EXPECT_EQ(back.rgba, coded.rgba);
+          if (quality == 100) {
+            EXPECT_GT(psnr(coded.rgba, scene.rgba), 40);
+          }
         }
 }
 
@@ -213,8 +217,7 @@ TEST(Predictive, TilesAreCodedWithSeveralSetsOfModels) {
   const auto bytes_with_one = [&](const Scene& scene, std::size_t set) {
     PredictiveLevel level = tables.level(1);
     const auto models = std::make_shared<PredictiveModels>(*level.models);
-    const auto only = models->block_models(set);
-    models->blocks = std::vector<SymbolModel>(only.begin(), only.end());
+    models->blocks = {models->blocks[set]};
     models->block_sets = 1;
     for (LevelModels& of_level : models->levels)
       of_level.block_set.assign(kCodedPlanes, SymbolModel(std::array<std::uint8_t, 2>{}));
@@ -282,7 +285,7 @@ TEST(Dct, TheInverseUndoesTheTransform) {
   for (int round = 0; round < 100; ++round) {
     std::array<float, 64> values;
     for (float& value : values) value = static_cast<float>(random() % 511) - 255;
-    const std::array<float, 64> coefficients = forward_dct(values);
+    const std::array<float, 64> coefficients = forward_dct(values.data(), 8);
     Block rounded;
     for (std::size_t k = 0; k < 64; ++k)
       rounded[k] = static_cast<std::int16_t>(std::lround(coefficients[k]));
@@ -290,6 +293,21 @@ TEST(Dct, TheInverseUndoesTheTransform) {
     restore_block(rounded, 64, kUnitSteps, pixels, 8);
     for (std::size_t k = 0; k < 64; ++k) EXPECT_NEAR(pixels[k], values[k], 1.5);
   }
+}
+
+TEST(Dct, AllInstructionSetsGiveTheSameFloats) {
+  std::mt19937 random(11);
+  std::array<float, 64> a, b, expected{};
+  for (std::size_t k = 0; k < 64; ++k)
+    a[k] = static_cast<float>(random()), b[k] = static_cast<float>(random()) - 2e9f;
+  for (std::size_t y = 0; y < 8; ++y)
+    for (std::size_t x = 0; x < 8; ++x)
+      for (std::size_t k = 0; k < 8; ++k) expected[8 * y + x] += a[8 * y + k] * b[8 * k + x];
+  slf::testing::with_each_instruction_set([&](const char* set) {
+    std::array<float, 64> product;
+    multiply(a.data(), 8, b.data(), 8, product);
+    EXPECT_EQ(product, expected) << set;
+  });
 }
 
 TEST(Dct, AllInstructionSetsAgreeWithTheDefinition) {

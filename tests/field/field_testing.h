@@ -31,10 +31,9 @@ inline std::vector<LatticeVertex> all_vertices(std::int32_t n) {
   return all;
 }
 
-/// Reads a stored tile into `samples`, by a cache of its own.
-inline Result<void> read(const FieldFile& field, const storage::TileRef& tile,
-                         std::span<std::byte> samples) {
-  return TileCache(field, 16 << 20).read(tile, samples);
+/// Reads a stored tile, by a cache of its own.
+inline Result<void> read(const FieldFile& field, const storage::TileRef& tile, Bytes& samples) {
+  return TileCache(field, 16 << 20).read(tile.key, samples);
 }
 
 /// A scene whose rays are a function of their two points on the unit sphere.

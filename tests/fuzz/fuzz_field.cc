@@ -39,7 +39,7 @@ std::uint64_t decode_all(const Field& field) {
                                      if (++tiles > kMaxTiles || !field.shape().has(tile.key) ||
                                          tile.state != storage::TileState::stored)
                                        return {};
-                                     if (!cache.read(tile)) ++bad;
+                                     if (!cache.read(tile.key)) ++bad;
                                      return {};
                                    });
   return bad;

@@ -1,5 +1,5 @@
-// Tiles that are predicted from others: any payload decodes against any references, references()
-// names those that decode() reads, and what is encoded decodes.
+// Tiles that are predicted from others: any payload decodes against the references
+// that it names, never against fewer, and what is encoded decodes.
 //
 // Input: byte 0 the shape, byte 1 what to do, byte 2 the quality, bytes 3 and 4 the tile; the rest
 // is the payload or the samples, and the samples of all references.
@@ -76,13 +76,17 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     return bytes;
   };
 
-  std::vector<TileKey> read;
   std::map<TileKey, Bytes> references;
-  const ReferenceSource source = [&](TileKey of) -> Result<ByteSpan> {
-    require(of.level + 1 == key.level && of.index < made.shape.tiles(of.level));
-    read.push_back(of);
-    if (of.index % 5 == 4) return ByteSpan();  // nothing is visible there
-    return references[of] = repeated(bytes_of(of), of.index);
+  const auto samples_of = [&](const std::vector<Reference>& named) {
+    std::vector<ReferenceSamples> from;
+    for (const Reference& of : named) {
+      require(of.tile.level + 1 == key.level && of.tile.index < made.shape.tiles(of.tile.level));
+      const bool empty = of.tile.index % 5 == 4;  // nothing is visible there
+      auto& bytes = references[of.tile];
+      if (!empty) bytes = repeated(bytes_of(of.tile), of.tile.index);
+      from.push_back({of, bytes});
+    }
+    return from;
   };
   const std::size_t count = bytes_of(key);
   const auto decode = [&](ByteSpan payload) {
@@ -90,11 +94,13 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     const auto exact = std::make_unique<std::byte[]>(payload.size());
     std::copy(payload.begin(), payload.end(), exact.get());
     const auto samples = std::make_unique<std::byte[]>(count);
-    read.clear();
-    const bool good =
-        tiles.decode(key, {exact.get(), payload.size()}, source, {samples.get(), count})
-            .has_value();
-    require(read == tiles.references(key, {exact.get(), payload.size()}));
+    const ByteSpan view(exact.get(), payload.size());
+    auto from = samples_of(tiles.references(key, view));
+    const bool good = tiles.decode(key, view, from, {samples.get(), count}).has_value();
+    if (count > 0 && !from.empty()) {  // without one of them, it is refused
+      from.pop_back();
+      require(!tiles.decode(key, view, from, {samples.get(), count}).has_value());
+    }
     return good;
   };
   if (data[1] % 2 == 0) {
@@ -105,6 +111,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   // Premultiplied: no channel exceeds alpha.
   for (std::size_t s = 0; s < count / 5 * 4; s += 4)
     for (std::size_t c = 0; c < 3; ++c) samples[s + c] = std::min(samples[s + c], samples[s + 3]);
-  require(tiles.encode(key, samples, source, payload).has_value() && decode(payload));
+  const auto from = samples_of(tiles.choose(key, samples));
+  require(tiles.encode(key, samples, from, payload).has_value() && decode(payload));
   return 0;
 }

@@ -86,7 +86,12 @@ void hash_field(const char* path) {
       expect(codec::make_codec(manifest.codec, manifest.format, tables ? *tables : ByteSpan()));
   const TileCoder coder(manifest.shape, manifest.format, *codec, geometry);
   std::map<TileKey, Bytes> decoded;
-  const ReferenceSource source = [&](TileKey key) -> Result<ByteSpan> { return decoded.at(key); };
+  const auto samples_of = [&](const std::vector<Reference>& references) {
+    std::vector<ReferenceSamples> from;
+    for (const Reference& reference : references)
+      from.push_back({reference, decoded.at(reference.tile)});
+    return from;
+  };
   for (unsigned level = 0; level <= manifest.shape.levels; ++level)
     for (std::uint64_t index = 0; index < manifest.shape.tiles(level); ++index) {
       const TileKey key{static_cast<std::uint8_t>(level), index};
@@ -96,11 +101,11 @@ void hash_field(const char* path) {
       const ByteSpan payload =
           ByteSpan(bytes).subspan(tile.payload.begin, tile.payload.end - tile.payload.begin);
       Bytes samples(coder.tile_shape(key).bytes());
-      expect(coder.decode(key, payload, source, samples));
+      expect(coder.decode(key, payload, samples_of(coder.references(key, payload)), samples));
       samples_hash.add(samples);
       if (coder.predicts()) {
         Bytes again;
-        expect(coder.encode(key, samples, source, again));
+        expect(coder.encode(key, samples, samples_of(coder.choose(key, samples)), again));
         payload_hash.add(again);
       }
       decoded[key] = std::move(samples);

@@ -581,6 +581,99 @@ class PageTest(unittest.TestCase):
             self.assertTrue(found["equal"], found)
             page.close()
 
+    def test_a_film_of_loading_gets_only_better(self):
+        """Each frame at 10 Mbit/s beside the finished picture."""
+        folder, _ = self.counted_site()
+        with Host(folder, rate=1.25e6, delay=0.04) as host:
+            page = self.open(f"{host.url}/index.html#level=2&background=00ff00", script="""
+              globalThis.film = [];
+              const shoot = () => {
+                requestAnimationFrame(shoot);
+                const canvas = document.getElementById('picture');
+                if (!globalThis.slf?.statistics().first || film.length > 200) return;
+                const gl = canvas.getContext('webgl2'), {width, height} = canvas;
+                const frame = new Uint8Array(width * height * 4), last = film.at(-1);
+                gl.bindFramebuffer(gl.READ_FRAMEBUFFER, null);
+                gl.readPixels(0, 0, width, height, gl.RGBA, gl.UNSIGNED_BYTE, frame);
+                if (!last || frame.some((v, i) => v !== last[i])) film.push(frame);
+              };
+              requestAnimationFrame(shoot);""")
+            page.settle()
+            page.wait("film.length > 1")
+            page.run("new Promise((done) => setTimeout(done, 1500))")
+            found = page.run("""(() => {
+              const last = film.at(-1), size = document.getElementById('picture').width;
+              const steps = (frame) => {  // between pixels, the largest of the channels
+                const all = new Float32Array(size * size);
+                for (let i = 0; i < frame.length - 4 * size - 4; i += 4)
+                  for (const next of [4, 4 * size]) for (let c = 0; c < 3; ++c)
+                    all[i / 4] = Math.max(all[i / 4], Math.abs(frame[i + c] - frame[i + next + c]));
+                return all;
+              };
+              const near = (all, i, r) => {
+                let most = 0;
+                for (let y = -r; y <= r; ++y)
+                  for (let x = -r; x <= r; ++x) most = Math.max(most, all[i + y * size + x] ?? 0);
+                return most;
+              };
+              const green = (frame, i) => frame[i] < 40 && frame[i + 1] > 215 && frame[i + 2] < 40;
+              const finished = steps(last);
+              const coarse = film.find((f) => f.some((v, i) => v !== f[i % 4]));
+              const coarsest = steps(coarse);
+              return film.map((frame) => {
+                const own = steps(frame);
+                let error = 0, holes = 0, borders = 0;
+                for (let i = 0; i < frame.length; i += 4) {
+                  for (let c = 0; c < 3; ++c) error += (frame[i + c] - last[i + c]) ** 2;
+                  holes += green(frame, i) && !green(coarse, i) && !green(last, i);
+                  const step = own[i / 4];
+                  borders +=
+                    step > 24 + Math.max(near(finished, i / 4, 4), near(coarsest, i / 4, 1));
+                }
+                const mean = error / (0.75 * frame.length * 255 ** 2);
+                return {psnr: -10 * Math.log10(Math.max(mean, 1e-9)), holes, borders};
+              });
+            })()""", 120)
+            page.close()
+        print([f"{frame['psnr']:.1f}" for frame in found[:-1]], flush=True)
+        self.assertGreater(len(found), 3)
+        for before, after in zip(found, found[1:]):
+            self.assertGreaterEqual(after["psnr"], before["psnr"] - 0.01)
+        self.assertEqual([f["holes"] for f in found], [0] * len(found))
+        self.assertEqual([f["borders"] for f in found], [0] * len(found))
+
+    def test_an_outage_is_waited_out(self):
+        folder, _ = self.counted_site()
+
+        class Failing(Handler):
+            down = False
+
+            def do_GET(self):
+                if Failing.down and self.path.endswith(".slf"):
+                    self.close_connection = True
+                    return self.connection.shutdown(2)
+                return super().do_GET()
+
+        with Host(folder, rate=2e5, handler=Failing) as host:
+            page = self.open(host.url + "/index.html#level=2")
+            page.wait("globalThis.slf?.statistics().first")
+            Failing.down = True
+            page.wait("document.getElementById('status').textContent.includes('Waiting')")
+            time.sleep(8)  # five attempts took three seconds
+            self.assertEqual(page.run("slf.state"), "loading")
+            Failing.down = False
+            page.settle()
+            self.assertEqual(page.run("document.getElementById('status').textContent"), "")
+            page.close()
+
+    def test_the_panel_starts_folded_where_it_would_cover_much(self):
+        with Server(self.fields[0]) as server:
+            for size, folded in [((800, 600), True), ((1600, 1000), False)]:
+                page = self.browser.open(server.url, *size)
+                page.wait("['loading', 'settled'].includes(globalThis.slf?.state)")
+                self.assertEqual(page.run("document.getElementById('settings').hidden"), folded)
+                page.close()
+
     def test_mouse_and_keys_move_the_camera(self):
         with Server(self.fields[0]) as server:
             page = self.browser.open(server.url, 512, 512)

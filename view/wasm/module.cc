@@ -308,7 +308,11 @@ int slf_check(std::uint32_t level, std::uint32_t entry, std::uint32_t exit,
 /// REQUIRES: slf_check() has verified the payload.
 SLF_EXPORT(slf_references)
 const std::uint32_t* slf_references(std::uint32_t level, std::uint32_t entry, std::uint32_t exit) {
-  return list(module().coder->references(key_of(level, entry, exit), module().buffer));
+  std::vector<TileKey> keys;
+  for (const Reference& reference :
+       module().coder->references(key_of(level, entry, exit), module().buffer))
+    keys.push_back(reference.tile);
+  return list(keys);
 }
 
 /// Adds a tile that the next tile to decode is predicted from. The buffer holds its samples, or no
@@ -331,11 +335,9 @@ int slf_decode(std::uint32_t level, std::uint32_t entry, std::uint32_t exit) {
   const TileKey key = key_of(level, entry, exit);
   m.samples.resize(m.coder->tile_shape(key).bytes());
   const auto references = std::exchange(m.references, {});
-  const auto source = [&](TileKey of) -> Result<ByteSpan> {
-    if (const auto found = references.find(of); found != references.end()) return found->second;
-    return fail(ErrorCode::tile_missing, "a tile that this one is predicted from is missing");
-  };
-  const auto decoded = m.coder->decode(key, m.buffer, source, m.samples);
+  std::vector<ReferenceSamples> from;
+  for (const auto& [of, samples] : references) from.push_back({{of}, samples});
+  const auto decoded = m.coder->decode(key, m.buffer, from, m.samples);
   return decoded ? kDone : failed(decoded.error());
 }
 SLF_EXPORT(slf_samples) const std::byte* slf_samples() { return module().samples.data(); }

@@ -11,7 +11,6 @@
 namespace slf {
 namespace {
 
-using storage::TileState;
 using testing::all_tiles;
 using testing::build_and_open;
 using testing::lossless_options;
@@ -58,7 +57,7 @@ class Inspect : public ::testing::Test {
 
   TileKey some_stored_tile() {
     for (const ListedTile& tile : list(*field_, {.first_level = 1}))
-      if (tile.content == TileContent::stored) return tile.key;
+      if (tile.state == TileState::stored) return tile.key;
     ADD_FAILURE();
     return {};
   }
@@ -76,7 +75,7 @@ TEST_F(Inspect, ListsEveryTileWithItsPayload) {
   for (const ListedTile& tile : listed) {
     const auto& [place, payload] = *at++;
     EXPECT_EQ(place, tile.key);
-    EXPECT_EQ(tile.content == TileContent::stored, !payload.empty());
+    EXPECT_EQ(tile.state == TileState::stored, !payload.empty());
     EXPECT_EQ(file.substr(tile.offset_bytes, tile.payload_bytes), payload);
     EXPECT_EQ(find_tile(*field_, tile.address), tile.key);
     EXPECT_EQ(find_tile(*field_, tile.key.level, tile.key.index), tile.key);
@@ -109,7 +108,7 @@ TEST_F(Inspect, ListsMissingTilesWhereAsked) {
   EXPECT_EQ(list(*holed).size(), 1088u - 3);
   std::vector<std::uint64_t> missing;
   for (const ListedTile& tile : list(*holed, {.missing = true}))
-    if (tile.content == TileContent::missing) {
+    if (tile.state == TileState::missing) {
       EXPECT_EQ(tile.key.level, 1);
       missing.push_back(tile.key.index);
     }

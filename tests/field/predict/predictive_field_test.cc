@@ -76,7 +76,7 @@ class PredictiveField : public ::testing::Test {
       const auto tile = field.file().store().find({1, index});
       if (!tile || tile->state != TileState::stored) continue;
       const auto references = field.file().references(*tile);
-      if (!references.empty()) return {references[0], tile->key};
+      if (!references->empty()) return {references->front().tile, tile->key};
     }
     ADD_FAILURE() << "no tile has references";
     return {};
@@ -165,16 +165,17 @@ TEST_F(PredictiveField, ATileIsDecodedOnceForItselfAndForOthers) {
   ASSERT_TRUE(field);
   const FieldFile& file = field->file();
   const TileKey dependant = reference_and_dependant(*field).second;
-  const auto keys = file.with_references(std::span(&dependant, 1));
-  ASSERT_TRUE(keys && keys->size() > 1);
+  std::set<TileKey> keys;
+  for (const auto& [key, tile] : file.find(std::span(&dependant, 1))) keys.insert(key);
+  ASSERT_GT(keys.size(), 1u);
   TileCache cache(file, 64 << 20);
   std::uint64_t payloads = 0;
   for (int round = 0; round < 2; ++round)
-    for (const TileKey key : *keys) {  // coarse levels first
+    for (const TileKey key : keys) {  // coarse levels first
       const auto tile = file.store().find(key);
       ASSERT_TRUE(tile);
       if (tile->state != TileState::stored) continue;
-      ASSERT_TRUE(cache.read(*tile));
+      ASSERT_TRUE(cache.read(tile->key));
       payloads += round == 0 ? tile->payload.size() : 0;
     }
   EXPECT_EQ(cache.statistics().loaded_bytes, payloads);
@@ -193,7 +194,8 @@ TEST_F(PredictiveField, TheBytesOfAViewIncludeWhatItsTilesArePredictedFrom) {
     const auto tile = field->file().store().find(key);
     if (!tile || tile->state != TileState::stored || !needed.insert(key).second) return;
     bytes += tile->payload.size();
-    for (const TileKey reference : field->file().references(*tile)) need(reference);
+    const auto named = field->file().references(*tile);
+    for (const Reference& reference : *named) need(reference.tile);
   };
   for (const TileKey key : statistics.tiles) need(key);
   const auto file = footprint(*field, statistics.tiles);
@@ -217,8 +219,7 @@ TEST_F(PredictiveField, WithoutAReferenceACoarserLevelIsDrawn) {
       reference_and_dependant(*build("a.slf", predictive_options(1)));
   drop("a.slf", reference);
   const auto field = open("a.slf");
-  const auto tile = field->file().store().find(dependant);
-  const auto decoded = TileCache(field->file(), 1 << 20).read(*tile);
+  const auto decoded = TileCache(field->file(), 1 << 20).read(dependant);
   ASSERT_FALSE(decoded);
   EXPECT_EQ(decoded.error().code, ErrorCode::tile_missing);
   EXPECT_NE(decoded.error().message.find("tile 0/" + std::to_string(reference.index)),

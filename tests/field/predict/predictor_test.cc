@@ -75,8 +75,9 @@ struct Level {
 Level random_level(const LevelGeometry& coarser, const References& references, std::uint32_t seed) {
   std::mt19937 random(seed);
   Level level;
-  for (const TileSections& sections : candidates_of(coarser, references)) {
-    const TileShape shape = coarser.tile(sections.entry.index, codec::SampleFormat::rgba8);
+  for (std::size_t k = 0; k < references.sections.size() * section_count(coarser.level()); ++k) {
+    const TileShape shape = coarser.tile(references.sections[k / section_count(coarser.level())],
+                                         codec::SampleFormat::rgba8);
     const std::size_t samples = shape.rows() * shape.columns();
     Bytes& bytes = level.tiles.emplace_back(8 + 5 * samples);
     const int empty = static_cast<int>(random() % 4);

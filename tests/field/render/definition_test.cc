@@ -108,7 +108,7 @@ class Definition {
            {},
            {}};
     if (tap.weight <= 0) return;
-    const auto pin = cache_.load({key});
+    const auto pin = cache_.load(key);
     if (!pin || !pin->page().color) return;
     const TilePage& page = pin->page();
     for (std::size_t e = 0; e < 3; ++e) {

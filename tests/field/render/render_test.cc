@@ -219,29 +219,6 @@ TEST_F(Render, TheMatchingLevelIsCoarserFromAfarAndInSmallPictures) {
           .rgba);
 }
 
-TEST_F(Render, ProgressiveDrawingShowsEveryLevelAndStopsWhenTold) {
-  const Camera camera = orbit_camera(field_->shape().sphere, 10, 20, 3, 100, 80);
-  const ViewOptions view{RenderMode::depth, 2};
-  Renderer renderer(*field_);
-  Image image;
-  std::vector<unsigned> shown;
-  const auto ok =
-      renderer.render_progressively(camera, view, image, [&](const Image& picture, unsigned level) {
-        shown.push_back(level);
-        EXPECT_EQ(picture.rgba, draw(*field_, camera, {RenderMode::depth, level}).rgba);
-        return true;
-      });
-  ASSERT_TRUE(ok);
-  EXPECT_EQ(shown, (std::vector<unsigned>{0, 1, 2}));
-  EXPECT_EQ(image.rgba, draw(*field_, camera, view).rgba);
-  shown.clear();
-  ASSERT_TRUE(renderer.render_progressively(camera, view, image, [&](const Image&, unsigned level) {
-    shown.push_back(level);
-    return level < 1;
-  }));
-  EXPECT_EQ(shown, (std::vector<unsigned>{0, 1}));
-}
-
 TEST_F(Render, ReportsProgressAndStopsWhenTold) {
   const Camera camera = orbit_camera(field_->shape().sphere, 10, 20, 3, 640, 480);
   const ViewOptions view{RenderMode::depth, 2};

@@ -423,6 +423,44 @@ TEST(Light, WaitsUntilItIsNeeded) {
   EXPECT_EQ(reports, computed);
 }
 
+TEST(Light, RaysComputeWhatTheyNeed) {
+  const TransferFunction t = material({0.9, 0.7, 0.5}, {{100, 0}, {160, 0.6}});
+  for (const Lighting mode : {Lighting::global, Lighting::shadowed}) {
+    RaycastOptions options = lit(built_in_rigs().front(), mode);
+    options.lighting.samples = 4;
+    std::uint64_t most = 0;
+    const auto count = [&](const Progress& p) {
+      most = std::max(most, p.total);
+      return true;
+    };
+    const auto whole = Raycaster::make(ball(48), t, options, {0, count});
+    ASSERT_TRUE(whole) << whole.error().message;
+    const std::uint64_t all = std::exchange(most, 0);
+    const Sphere bounds = (*whole)->bounds();
+    const Camera camera = orbit_camera(bounds, 30, 20, 3, 60, 40);
+    const Image truth = *trace_view(**whole, bounds, camera);
+    // A view, and rays alone.
+    const auto some = Raycaster::make(ball(48), t, options, {3, count, {}, true});
+    ASSERT_TRUE(some) << some.error().message;
+    const auto view = trace_view(**some, bounds, camera, 3);
+    ASSERT_TRUE(view) << view.error().message;
+    EXPECT_EQ(view->rgba, truth.rgba);
+    EXPECT_GT(most, 0u);
+    EXPECT_LT(most, all * 4 / 5);
+    EXPECT_TRUE((*some)->light().empty());
+    const auto alone = Raycaster::make(ball(48), t, options, {1, {}, {}, true});
+    ASSERT_TRUE(alone) << alone.error().message;
+    std::mt19937 random(1);
+    for (int k = 0; k < 20; ++k) {
+      const glm::dvec3 from = bounds.center + random_point(random, bounds.radius),
+                       to = bounds.center + random_point(random, bounds.radius);
+      EXPECT_EQ((*alone)->trace(from, to).rgba, (*whole)->trace(from, to).rgba);
+    }
+    ASSERT_TRUE((*some)->prepare());
+    EXPECT_EQ((*some)->light(), (*whole)->light());
+  }
+}
+
 TEST(Light, BadSettingsAreRefused) {
   const auto error = [](const std::function<void(LightOptions&)>& change) {
     RaycastOptions options = lit(built_in_rigs().front());

@@ -450,6 +450,36 @@ TEST(Raycaster, FunctionsOverManyOrdersOfMagnitudeAreResolved) {
   EXPECT_EQ(caster->trace({4, -50, 20}, {4, 60, 20}).rgba.a, 0);
 }
 
+TEST(Raycaster, NormalsAreAccurateBesideMuchLargerValues) {
+  // Across a cell, values and their gradients change by up to two orders of magnitude.
+  const auto f = [](int x, int y, int z) {
+    const double r = glm::distance(glm::dvec3(x, y, z), glm::dvec3(12.3, 11.6, 12.1));
+    return std::pow(10.0, 15 - 2 * r + std::sin(1.3 * x) * std::cos(1.7 * y + z));
+  };
+  const auto v = make_volume<float>({25, 25, 25}, ScalarType::f32, f);
+  TransferFunction t;
+  t.colors = {{0, {1, 1, 1}}};
+  t.opacities = {{0, 0, 0.5, 0}, {1e-7, 0, 0.5, 0}, {1e-5, 0.5, 0.5, 0}, {1, 0.9, 0.5, 0}};
+  RaycastOptions fine;
+  fine.step = 0.05;
+  EXPECT_GT(psnr_between(*make(v, t), *make(v, t, fine)), 50);
+}
+
+TEST(Raycaster, HugeGradientsDoNoHarm) {
+  const auto v = make_volume<float>({12, 12, 12}, ScalarType::f32,
+                                    [](int x, int y, int) { return x > 5 && y > 5 ? 3e37 : 0; });
+  const auto caster = make(v, ramp(0, 3e37, 0.5));
+  std::mt19937 random(8);
+  float seen = 0;
+  for (int k = 0; k < 500; ++k) {
+    const RaySample s = caster->trace(glm::dvec3(6) + random_place(random, 20),
+                                      glm::dvec3(6) + random_place(random, 20));
+    EXPECT_TRUE(std::isfinite(s.rgba.r + s.rgba.g + s.rgba.b + s.rgba.a + s.depth));
+    seen = std::max(seen, s.rgba.a);
+  }
+  EXPECT_GT(seen, 0.9);
+}
+
 TEST(Raycaster, NonFiniteVoxelsDoNoHarm) {
   auto v = make_volume<float>({12, 12, 12}, ScalarType::f32, [](int x, int y, int z) {
     if (x == 3) return std::numeric_limits<double>::quiet_NaN();

@@ -151,7 +151,7 @@ TEST_F(TileCacheTest, AReaderKeepsRemovedTilesAliveUntilItIsDone) {
   TileCache cache(field_->file(), 1);
   const TileKey at = stored();
   const auto expected = samples(at);
-  TileCache::Reader reader(cache);
+  TileCache::Reader reader(cache.epochs());
   auto pins = cache.load(std::vector{at});
   ASSERT_TRUE(pins);
   {
@@ -175,7 +175,7 @@ TEST_F(TileCacheTest, ThreadsThatWaitForAReaderDoNotSpendTheSameRoomTwice) {
       ASSERT_GT(k, wanted[1].index);
       ASSERT_TRUE(cache.load(std::vector{key(--k)}));
     }
-    TileCache::Reader reader(cache);
+    TileCache::Reader reader(cache.epochs());
     std::vector<std::thread> threads;
     {
       const TileCache::ReadScope scope(reader);  // what is removed now is not freed
@@ -215,7 +215,7 @@ TEST_F(TileCacheTest, ReadersSeeWholeTilesWhileOthersLoadAndRemove) {
   };
   const auto read = [&](unsigned seed) {
     std::mt19937 random(seed);
-    TileCache::Reader reader(cache);
+    TileCache::Reader reader(cache.epochs());
     do {
       const TileCache::ReadScope scope(reader);
       for (int k = 0; k < 64; ++k) {
@@ -246,8 +246,10 @@ TEST_F(TileCacheTest, ReadersSeeWholeTilesWhileOthersLoadAndRemove) {
 std::vector<TileKey> references(const FieldFile& field, std::span<const TileKey> tiles) {
   std::set<TileKey> found;
   for (const TileKey key : tiles)
-    if (const auto ref = field.store().find(key); ref->state == storage::TileState::stored)
-      for (const TileKey reference : field.references(*ref)) found.insert(reference);
+    if (const auto ref = field.store().find(key)) {
+      const auto named = field.references(*ref);
+      for (const Reference& reference : *named) found.insert(reference.tile);
+    }
   return {found.begin(), found.end()};
 }
 

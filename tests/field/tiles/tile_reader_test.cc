@@ -117,12 +117,12 @@ TEST_F(TileReaderTest, APlayerPinsLevel0AlsoInAReaderThatIsFull) {
 TEST_F(TileReaderTest, TilesThatOthersArePredictedFromAreTilesLikeAnyOther) {
   const TileReader tiles(*field_, {.memory = 64 << 20});
   const TileKey fine = some_stored_tile(1);
-  const auto references = field_->file().references(*field_->file().store().find(fine));
+  const auto references = *field_->file().references(*field_->file().store().find(fine));
   ASSERT_FALSE(references.empty());
   ASSERT_TRUE(tiles.read(fine));
   const std::uint64_t decodes = tiles.cache().statistics().decodes;
   EXPECT_EQ(decodes, 1 + references.size());
-  ASSERT_TRUE(tiles.read(references.front()));
+  ASSERT_TRUE(tiles.read(references.front().tile));
   EXPECT_EQ(tiles.cache().statistics().decodes, decodes);
 }
 

@@ -17,8 +17,7 @@ inline std::map<TileKey, Bytes> all_samples(const Field& field) {
       {0, 0}, {255, 0}, [&](const storage::TileRef& tile) -> Result<void> {
         Bytes& samples = tiles[tile.key];
         if (tile.state != storage::TileState::stored) return {};
-        samples.resize(field.file().tile_shape(tile.key).bytes());
-        return cache.read(tile, samples);
+        return cache.read(tile.key, samples);
       });
   EXPECT_TRUE(ok) << (ok ? "" : ok.error().message);
   return tiles;

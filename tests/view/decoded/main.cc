@@ -14,7 +14,7 @@ namespace {
 using namespace slf;
 
 bool write_tile(TileCache& tiles, TileKey key) {
-  const auto tile = tiles.load({key, std::nullopt});
+  const auto tile = tiles.load(key);
   if (!tile) return false;
   const ByteSpan samples = tile->samples();
   std::fwrite(samples.data(), 1, samples.size(), stdout);

@@ -1,0 +1,88 @@
+// slf pick: the points of the surface that a picture shows.
+#include <array>
+#include <sstream>
+
+#include "base/file.h"
+#include "base/try.h"
+#include "cli/command.h"
+#include "slf/render.h"
+
+namespace slf::cli {
+namespace {
+
+constexpr std::uint64_t kMaxPixelsFile = 64 << 20;
+
+struct Arguments {
+  std::string field, file;
+  std::vector<std::array<double, 2>> pixels;
+  CameraArguments camera;
+  DrawArguments draw;
+  bool json = false;
+};
+
+/// Reads a file with one X,Y a line. bad_file: a line is something else.
+Result<std::vector<std::array<double, 2>>> read_pixels(const std::string& path) {
+  const auto bytes = SLF_TRY(read_file(path, kMaxPixelsFile));
+  std::istringstream lines(std::string(reinterpret_cast<const char*>(bytes.data()), bytes.size()));
+  std::vector<std::array<double, 2>> pixels;
+  std::size_t number = 0;
+  for (std::string line; std::getline(lines, line);) {
+    ++number;
+    if (line.find_first_not_of(" \t\r") == std::string::npos) continue;
+    std::array<double, 2> pixel{};
+    if (!CLI::detail::lexical_conversion<std::array<double, 2>, std::array<double, 2>>(
+            CLI::detail::split(line, ','), pixel))
+      return fail(ErrorCode::bad_file, path, ": line ", number, ": '", line, "'; expected X,Y");
+    pixels.push_back(pixel);
+  }
+  return pixels;
+}
+
+Result<void> run_pick(const Arguments& a) {
+  std::vector<std::array<double, 2>> pixels = a.pixels;
+  if (!a.file.empty()) pixels = SLF_TRY(read_pixels(a.file));
+  if (pixels.empty()) return fail(ErrorCode::usage, "no pixels: expected X,Y or --pixels");
+  const auto field = SLF_TRY(open_field(a.field));
+  const auto camera = SLF_TRY(a.camera.camera(field.shape().sphere));
+  Renderer renderer(field, a.draw.renderer());
+  for (const auto& [x, y] : pixels) {
+    const auto found = SLF_TRY(pick(renderer, camera, x, y));
+    nlohmann::json json{
+        {"pixel", {x, y}}, {"point", nullptr}, {"depth", nullptr}, {"uncertainty", nullptr}};
+    if (found) {
+      json["point"] = {found->point.x, found->point.y, found->point.z};
+      json["depth"] = found->depth;
+      json["uncertainty"] = found->uncertainty;
+    }
+    if (a.json)
+      print("{}\n", json.dump());
+    else if (found)
+      print("{},{}: {:.6g},{:.6g},{:.6g}  depth {:.6g} ± {:.2g}\n", x, y, found->point.x,
+            found->point.y, found->point.z, found->depth, found->uncertainty);
+    else
+      print("{},{}: nothing\n", x, y);
+  }
+  return {};
+}
+
+}  // namespace
+
+void add_pick(CLI::App& app, Run& run) {
+  auto* command = app.add_subcommand("pick", "Print the points of the surface that a view shows");
+  auto a = std::make_shared<Arguments>();
+  command->add_option("FIELD", a->field, "Field to look at")->type_name(kFieldFile)->required();
+  auto* pixel = command
+                    ->add_option("PIXEL", a->pixels,
+                                 "Places in the picture, in pixels from its upper left corner")
+                    ->delimiter(',')
+                    ->type_name("X,Y");
+  command->add_option("--pixels", a->file, "A file with one X,Y a line")
+      ->type_name(kAnyFile)
+      ->excludes(pixel);
+  a->camera.add_to(*command);
+  a->draw.add_resources_to(*command);
+  command->add_flag("--json", a->json, "JSON on stdout, one object a line for each pixel");
+  command->callback([a, &run] { run = [a] { return run_pick(*a); }; });
+}
+
+}  // namespace slf::cli

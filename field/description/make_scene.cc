@@ -1,0 +1,262 @@
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <tuple>
+#include <utility>
+
+#include "base/try.h"
+#include "slf/image.h"
+#include "slf/scene_description.h"
+
+namespace slf {
+namespace {
+
+using nlohmann::json;
+
+constexpr std::string_view kScenePrefix = "scene:", kPicturesPrefix = "pictures:";
+constexpr double kTruthStep = 0.5;  // finer than fields need
+
+void note(const SceneDescription& d, const std::string& text, const char* choice = nullptr) {
+  if (d.on_note) d.on_note(text, choice);
+}
+
+void note_all(const SceneDescription& d, const std::string& source,
+              const std::vector<std::string>& notes) {
+  for (const std::string& text : notes) note(d, source + ": " + text);
+}
+
+/// Adds the files that the description names to those that were `read`, and checks them.
+Result<void> check_files(const SceneDescription& d, std::vector<std::string>& read) {
+  const std::vector<std::string> named = d.files();
+  read.insert(read.end(), named.begin(), named.end());
+  return d.check ? d.check(read) : Result<void>();
+}
+
+/// The provenance of the field to compare with, if it is of this kind.
+json recorded(const SceneDescription& d, const char* kind) {
+  const json built = json::parse(d.truth_of, nullptr, /*allow_exceptions=*/false);
+  return built.is_object() && built.value("kind", json()) == kind ? built : json::object();
+}
+
+/// The options of rays, with light, but without structures.
+Result<RaycastOptions> rays_of(const SceneDescription& d, const json& built) {
+  RaycastOptions options = d.raycast;
+  if (built.empty()) {
+    options.shade = options.shade && options.projection == Projection::none;
+    const bool direct = !options.shade || d.ambient;
+    options.lighting.mode = d.lighting.value_or(direct ? Lighting::direct : Lighting::global);
+  } else {
+    options = raycast_options(built.dump());
+    if (d.environment.empty() && built.contains("/lighting/environment"_json_pointer))
+      return fail_without("environment", ErrorCode::usage,
+                          "the field was lit by an environment picture: name the same file");
+  }
+  options.ambient = d.ambient.value_or(options.ambient);
+  if (!d.truth_of.empty()) options.step = std::min(options.step, kTruthStep);
+  if (!d.light_rig.empty()) options.lighting.rig = SLF_TRY(read_rig(d.light_rig));
+  if (d.light) {
+    options.light = *d.light;
+    if (auto& lights = options.lighting.rig.lights; !lights.empty())
+      lights.front().direction = *d.light;
+  }
+  if (!d.environment.empty()) {
+    auto picture = SLF_TRY(read_image(d.environment));
+    options.lighting.environment = std::make_shared<const Image>(std::move(picture));
+  }
+  return options;
+}
+
+/// usage: a member is given that only volumes have.
+Result<void> check_no_volume(const SceneDescription& d, const char* kind) {
+  for (const auto& [member, given] : {std::pair{"transfer", !d.transfer.empty() || d.make_transfer},
+                                      {"range", !!d.range},
+                                      {"labels_volume", !!d.labels_volume},
+                                      {"mask", !!d.mask},
+                                      {"labels", d.reading.labels},
+                                      {"crop", !!d.reading.crop},
+                                      {"dims", !!d.reading.raw},
+                                      {"projection", d.raycast.projection != Projection::none},
+                                      {"light_file", !d.light_volume.file.empty()},
+                                      {"reference", d.reference}})
+    if (given) return fail(ErrorCode::usage, member, ": only for volumes; ", d.input, " is ", kind);
+  return {};
+}
+
+Result<std::unique_ptr<Scene>> picture_scene(const SceneDescription& d) {
+  SLF_TRY(check_no_volume(d, "pictures"));
+  auto set = SLF_TRY(read_pictures(d));
+  auto read = set.files();
+  SLF_TRY(check_files(d, read));
+  const auto options = picture_options(d, set);
+  return make_picture_scene(std::move(set), options);
+}
+
+Result<std::unique_ptr<Scene>> mesh_scene(const SceneDescription& d) {
+  SLF_TRY(check_no_volume(d, "a mesh"));
+  const auto options = SLF_TRY(rays_of(d, recorded(d, "mesh")));
+  auto mesh = SLF_TRY(read_mesh(d.input, d.up_axis));
+  note_all(d, d.input, mesh.notes);
+  SLF_TRY(check_files(d, mesh.files));
+  return MeshScene::make(std::move(mesh),
+                         {options.shade, options.light, options.ambient, options.lighting});
+}
+
+/// Reads a label volume or a mask.
+Result<Volume> read_structure(const SceneDescription& d, const std::string& path) {
+  // Structures are placed by position, so a crop does not concern them. They mostly have a header
+  // and one number a voxel, also where the volume does not.
+  VolumeOptions options;
+  options.labels = true;
+  options.resample = d.reading.resample;
+  if (!d.reading.raw) options.spacing = d.reading.spacing;
+  auto volume = read_volume(path, options);
+  if (volume) return volume;
+  const std::string_view choice = volume.error().choice ? volume.error().choice : "";
+  if (choice == "raw" && d.reading.raw) {
+    options.raw = d.reading.raw;
+    options.spacing = d.reading.spacing;
+  } else if ((choice == "component" || choice == "time") &&
+             (d.reading.component || d.reading.time)) {
+    options.component = d.reading.component;
+    options.time = d.reading.time;
+  } else {
+    return volume;
+  }
+  return read_volume(path, options);
+}
+
+Result<Structures> read_structures(const SceneDescription& d, const json& built) {
+  Structures parts;
+  const json recorded = built.value("structures", json::object());
+  for (const auto& [member, choice, source, to] :
+       {std::tuple{"labels", "labels_volume", &d.labels_volume, &parts.labels},
+        {"mask", "mask", &d.mask, &parts.mask}}) {
+    *to = source->volume;
+    if (!*source && recorded.contains(member))
+      return fail_without(choice, ErrorCode::usage,
+                          "the field was built with one: name the same file");
+    if (*to || !*source) continue;
+    auto volume = SLF_TRY(read_structure(d, source->path));
+    note_all(d, source->path, volume.notes);
+    *to = std::make_shared<const Volume>(std::move(volume));
+  }
+  if (parts.labels) parts.styles = parts.labels->label_styles;
+  if (d.styles) parts.styles = *d.styles;
+  if (!d.label_table.empty()) parts.styles = SLF_TRY(read_label_table(d.label_table));
+  return parts;
+}
+
+Result<std::unique_ptr<Scene>> volume_scene(const SceneDescription& d) {
+  const json built = recorded(d, "volume");
+  auto options = SLF_TRY(rays_of(d, built));
+  // Read the small files first, so that an error in one is found before a large volume is read.
+  std::optional<TransferPreset> preset;
+  if (!d.transfer.empty()) {
+    preset = SLF_TRY(read_transfer(d.transfer));
+  } else if (!built.empty() && !d.make_transfer) {
+    preset.emplace();
+    preset->function = SLF_TRY(
+        parse_transfer(built.value("transfer", json()).dump(), "the field's transfer function"));
+  }
+  if (d.range &&
+      (!((*d.range)[0] < (*d.range)[1]) || !std::isfinite((*d.range)[1] - (*d.range)[0])))
+    return fail_without("range", ErrorCode::usage, "range ", (*d.range)[0], ",", (*d.range)[1],
+                        ": expected two ascending numbers");
+  options.structures = SLF_TRY(read_structures(d, built));
+  auto volume = SLF_TRY(d.volume ? Result<Volume>(*d.volume) : read_volume(d));
+  note_all(d, volume.source, volume.notes);
+  for (const auto& part : {options.structures.labels, options.structures.mask}) {
+    if (!part) continue;
+    volume.files.insert(volume.files.end(), part->files.begin(), part->files.end());
+    if (same_grid(*part, volume)) continue;
+    std::string text = part->source + ": ";
+    for (const std::uint32_t side : part->dims) text += std::to_string(side) + "x";
+    text.back() = ' ';
+    note(d, text + "voxels on another grid than " + volume.source +
+                ": resampled, nearest, by world position");
+  }
+  SLF_TRY(check_files(d, volume.files));
+  if (!volume.labels && looks_like_labels(volume))
+    note(d, volume.source + ": " + kLabelsHint, "labels");
+  // A function that was made for this volume, or comes from a field, is already fitted to it.
+  if (!preset) {
+    preset.emplace();
+    preset->function =
+        d.make_transfer ? SLF_TRY(d.make_transfer(volume)) : default_transfer(volume);
+  }
+  const TransferFunction function =
+      d.transfer.empty() && !d.range ? preset->function : preset->fit(volume, d.range);
+  Result<std::unique_ptr<Scene>> made = fail(ErrorCode::failed, "");
+  if (d.reference)
+    made = PathTracer::make(std::move(volume), function, options,
+                            {d.paths.samples, options.lighting.seed});
+  else
+    made = Raycaster::make(std::move(volume), function, options, d.light_volume);
+  if (made || made.error().code != ErrorCode::failed) return made;
+  return fail_without("transfer", ErrorCode::failed, made.error().message, "; it runs from ",
+                      function.colors.front().value, " to ", function.colors.back().value,
+                      ": choose another, or stretch it to a range");
+}
+
+}  // namespace
+
+bool SceneDescription::is_pictures() const { return input.starts_with(kPicturesPrefix); }
+
+std::vector<std::string> SceneDescription::files() const {
+  return {input,
+          transfer_file(transfer),
+          labels_volume.path,
+          label_table,
+          mask.path,
+          light_rig,
+          environment,
+          light_volume.file,
+          depth_cache.value_or("")};
+}
+
+Result<Volume> read_volume(const SceneDescription& d) {
+  auto volume = read_volume(d.input, d.reading);
+  if (volume || volume.error().code == ErrorCode::not_found) return volume;
+  std::error_code ignored;
+  const bool may_have_cameras = d.input.ends_with(".json") || d.input.ends_with(".csv") ||
+                                std::filesystem::is_directory(d.input, ignored);
+  if (may_have_cameras && read_pictures(d.input))
+    return fail(ErrorCode::bad_file, d.input, ": has pictures with cameras, not a volume: name it ",
+                kPicturesPrefix, d.input);
+  if (d.reading.raw && volume.error().choice && std::string_view(volume.error().choice) == "raw")
+    volume.error().choice = "layout";
+  return volume;
+}
+
+Result<PictureSet> read_pictures(const SceneDescription& d) {
+  auto set = SLF_TRY(read_pictures(d.input.substr(kPicturesPrefix.size())));
+  note_all(d, set.source, set.notes);
+  return set;
+}
+
+PictureSceneOptions picture_options(const SceneDescription& d, const PictureSet& set) {
+  PictureSceneOptions options = d.pictures;
+  if (options.threads == 0) options.threads = d.light_volume.threads;
+  if (!options.progress) options.progress = d.light_volume.progress;
+  if (d.on_note)
+    options.on_note = [on_note = d.on_note, source = set.source](const std::string& text) {
+      on_note(source + ": " + text, "depth_cache");
+    };
+  if (d.depth_cache)
+    options.depth_cache = d.depth_cache->empty() ? depth_cache_of(set) : *d.depth_cache;
+  return options;
+}
+
+Result<std::unique_ptr<Scene>> make_scene(const SceneDescription& d) {
+  if (d.check) SLF_TRY(d.check(d.files()));
+  if (!d.volume && d.input.starts_with(kScenePrefix)) {
+    SLF_TRY(check_no_volume(d, "an analytic scene"));
+    return make_analytic_scene(std::string_view(d.input).substr(kScenePrefix.size()));
+  }
+  if (!d.volume && d.is_pictures()) return picture_scene(d);
+  if (!d.volume && is_mesh_name(d.input)) return mesh_scene(d);
+  return volume_scene(d);
+}
+
+}  // namespace slf

@@ -1,0 +1,106 @@
+// SceneDescription: a scene as people state it, with the defaults of everything that they leave
+// out. make_scene() turns it into a Scene.
+//
+//   slf::SceneDescription description;
+//   description.input = "head.nii.gz";
+//   description.transfer = "ct-bone";
+//   auto scene = slf::make_scene(description);
+//
+// Scene::provenance() records what was made, and `truth_of` reads such a record back.
+#pragma once
+
+#include <array>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "slf/error.h"
+#include "slf/mesh.h"
+#include "slf/path_tracer.h"
+#include "slf/pictures.h"
+#include "slf/raycaster.h"
+#include "slf/scene.h"
+#include "slf/structures.h"
+#include "slf/transfer.h"
+#include "slf/volume.h"
+
+namespace slf {
+
+/// A volume in memory, or else the path of one; neither: none.
+struct VolumeSource {
+  std::string path{};
+  std::shared_ptr<const Volume> volume{};
+
+  explicit operator bool() const { return volume || !path.empty(); }
+};
+
+/// Errors, and notes of on_note(), name a member as their choice.
+struct SceneDescription {
+  /// The path of a volume, or of a mesh if is_mesh_name() says so; "pictures:" and a path for
+  /// read_pictures(); or "scene:" and the name of an analytic scene.
+  std::string input{};
+
+  // Volumes.
+  std::shared_ptr<const Volume> volume{};  ///< instead of a file at `input`
+  VolumeOptions reading{};
+  std::string transfer{};  ///< for read_transfer(); empty: default_transfer()
+  /// Instead of `transfer`: makes the function for the volume that was read.
+  std::function<Result<TransferFunction>(const Volume&)> make_transfer{};
+  std::optional<std::array<double, 2>> range{};  ///< of values, to stretch the function to
+  /// Parts of the volume, on any grid. A file is read as `reading` says, as far as it applies.
+  VolumeSource labels_volume{}, mask{};
+  std::string label_table{};           ///< for read_label_table(); empty: that of `labels_volume`
+  std::optional<LabelTable> styles{};  ///< instead of `label_table`
+
+  // Rays and light, of volumes and meshes.
+  RaycastOptions raycast{};            ///< but for what the members below state
+  std::optional<Lighting> lighting{};  ///< none: global, but direct for rays that no light concerns
+  std::optional<float> ambient{};      ///< implies direct light
+  std::optional<glm::dvec3> light{};   ///< direction, also of the first light of a rig
+  std::string light_rig{};             ///< for read_rig(); empty: the default
+  std::string environment{};           ///< picture of surroundings; empty: the sky of the rig
+  LightVolumeOptions light_volume{.deferred = true};
+  bool reference = false;  ///< a PathTracer, instead of a light volume
+  PathTraceOptions paths{};
+  UpAxis up_axis = UpAxis::by_format;  ///< of meshes
+
+  // Pictures. threads and progress are those of `light_volume`, unless stated.
+  PictureSceneOptions pictures{};
+  std::optional<std::string> depth_cache{};  ///< none: no file; empty: depth_cache_of() the set
+
+  /// The provenance of a field to compare with. Rays and light are then those of the field, but for
+  /// what `ambient` to `environment` state, and so is the transfer function, unless one is stated.
+  /// The step is at most 0.5. Files must be named again.
+  std::string truth_of{};
+
+  /// Gets what people should know, and the member that would settle it, or null.
+  std::function<void(const std::string& note, const char* choice)> on_note{};
+  /// Gets the files that are read, before they are, and again with all that they name, before
+  /// longer work. make_scene() returns its error.
+  std::function<Result<void>(const std::vector<std::string>& files)> check{};
+
+  [[nodiscard]] bool is_pictures() const;
+  /// The files that members name. A name that is no file's, as scene:balls, does no harm.
+  [[nodiscard]] std::vector<std::string> files() const;
+};
+
+/// usage: a member is out of range, does not apply to this kind of scene, or is missing though the
+/// field of `truth_of` was built with it. Else errors as those of the readers, of
+/// Raycaster::make(), MeshScene::make(), make_picture_scene() and make_analytic_scene().
+[[nodiscard]] Result<std::unique_ptr<Scene>> make_scene(const SceneDescription& description);
+
+/// The volume at `input`. Errors as read_volume(path, options), and bad_file for what has cameras.
+[[nodiscard]] Result<Volume> read_volume(const SceneDescription& description);
+/// The cameras of pictures. REQUIRES: is_pictures().
+[[nodiscard]] Result<PictureSet> read_pictures(const SceneDescription& description);
+/// The options of make_picture_scene() for this set.
+[[nodiscard]] PictureSceneOptions picture_options(const SceneDescription& description,
+                                                  const PictureSet& set);
+
+/// What on_note() says of a volume for which looks_like_labels() holds.
+inline constexpr const char* kLabelsHint =
+    "its values look like labels (ids), which are blurred when interpolated, unless read as labels";
+
+}  // namespace slf
