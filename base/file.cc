@@ -282,7 +282,11 @@ Result<std::ifstream> open_regular(const std::string& path) {
 }
 
 Result<Bytes> read_file(const std::string& path, std::uint64_t limit, const StartCheck& check) {
-  SLF_TRY(file_size(path));
+  const std::uint64_t size = SLF_TRY(file_size(path));
+  const auto too_long = [&] {
+    return fail(ErrorCode::unsupported, path, ": longer than ", limit, " bytes");
+  };
+  if (!check && size > limit) return too_long();
   // What took the file's place meanwhile may be a pipe, which must not be waited for.
   const Descriptor file(::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
   if (file.get() < 0) return io_error(path, "cannot open", errno);
@@ -290,6 +294,7 @@ Result<Bytes> read_file(const std::string& path, std::uint64_t limit, const Star
   // Reads to the end instead of relying on the size, which is 0 for the files of /proc.
   constexpr std::size_t kChunk = std::size_t{1} << 20, kStart = std::size_t{1} << 16;
   Bytes bytes;
+  bytes.reserve(std::min(size, limit) + kChunk);
   for (bool checked = !check;;) {
     const std::size_t had = bytes.size();
     bytes.resize(had + kChunk);
@@ -303,8 +308,7 @@ Result<Bytes> read_file(const std::string& path, std::uint64_t limit, const Star
       checked = true;
     }
     if (got == 0) return bytes;
-    if (bytes.size() > limit)
-      return fail(ErrorCode::unsupported, path, ": longer than ", limit, " bytes");
+    if (bytes.size() > limit) return too_long();
   }
 }
 

@@ -1,17 +1,12 @@
 #include "field/mesh/builder.h"
-
-#include <fcntl.h>
-#include <sys/stat.h>
-#include <unistd.h>
-
 #include <algorithm>
-#include <cerrno>
 #include <charconv>
 #include <cmath>
 #include <cstring>
 #include <filesystem>
 #include <limits>
 
+#include "base/file.h"
 #include "base/half.h"
 #include "base/lower_case.h"
 #include "base/try.h"
@@ -73,31 +68,8 @@ MeshBuilder::MeshBuilder(const std::string& path, bool y_up) : y_up_(y_up), allo
 }
 
 Result<Bytes> MeshBuilder::read(const std::string& file) {
-  const int fd = ::open(file.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK);  // a FIFO would wait
-  if (fd < 0 && errno == ENOENT) return fail(ErrorCode::not_found, file, ": no such file");
-  struct stat status {};
-  const bool opened = fd >= 0 && ::fstat(fd, &status) == 0;
-  int cause = opened ? 0 : errno;
-  const bool regular = opened && S_ISREG(status.st_mode);
-  const auto size = regular ? static_cast<std::uint64_t>(status.st_size) : 0;
-  Bytes bytes;
-  std::size_t have = 0;
-  if (size <= kMaxFileBytes) bytes.resize(size);
-  while (regular && have < bytes.size()) {
-    const ssize_t got = ::read(fd, bytes.data() + have, bytes.size() - have);
-    if (got < 0 && errno == EINTR) continue;
-    if (got < 0) cause = errno;
-    if (got <= 0) break;
-    have += static_cast<std::size_t>(got);
-  }
-  if (fd >= 0) ::close(fd);
-  if (cause != 0) return fail(ErrorCode::io, file, ": ", std::strerror(cause));
-  if (!regular) return fail(ErrorCode::io, file, ": not a regular file");
-  if (size > kMaxFileBytes)
-    return fail(ErrorCode::unsupported, file, ": has ", size, " bytes; meshes are read up to ",
-                kMaxFileBytes);
-  bytes.resize(have);  // if it shrank meanwhile
-  allowed_ += kPerByte * have;
+  Bytes bytes = SLF_TRY(read_file(file, kMaxFileBytes));
+  allowed_ += kPerByte * bytes.size();
   add_file(file);
   return bytes;
 }
