@@ -282,9 +282,11 @@ async function follow() {
     // Level 0 first: everything else waits for it. Then a few rays find nearly all tiles. Once
     // these are there, the rays of all pixels that are not final find the last ones.
     const part = whole || (first && !stuck) ? view : {...view, level: 0};
-    const [pages] = await Promise.all([renderer.ask(part), field.prepare(view.level)]);
-    if (failed || lost) continue;
-    for (const at of pages) needed.add(at);
+    if (moving || !loader.busy || needed.size === 0) {
+      const [pages] = await Promise.all([renderer.ask(part), field.prepare(view.level)]);
+      if (failed || lost) continue;
+      for (const at of pages) needed.add(at);
+    }
     let absent = loader.want([...needed], !moving);
     if (loader.full) {  // not all tiles of this level fit: draw a coarser one
       loader.full = false;
@@ -295,19 +297,23 @@ async function follow() {
       await sleep(absent > 0 ? 15 : 0);
     } else {
       page.state = 'loading';
-      const reach = Math.min(...renderer.survey(view));
+      const reach = absent === 0 && !loader.busy ? part.level
+                                                 : Math.min(...renderer.survey(view));
       if (reach > done) {
         const found = await finish(view, reach);
         if (version !== asked) continue;
         if (found.done) done = reach;
-        for (const at of found.pages) needed.add(at);
-        absent = loader.want([...found.pages, ...needed], true);
+        // Levels between come with the finest, which is predicted from them.
+        else if (reach === part.level) for (const at of found.pages) needed.add(at);
+        absent = loader.want([...needed], true);
       }
       if (done < view.level) {
         if (absent > 0) await arrived(asked);
         continue;
       }
       complete ??= traffic();
+      while (fading > 0 && version === asked && !lost) await sleep(5);
+      if (version !== asked) continue;
       page.state = 'settled';
       keepLink();
       while (version === asked && !lost && !failed) await sleep(20);
@@ -565,6 +571,7 @@ async function start() {
     renderer = new Renderer(canvas);
     renderer.open(field.shape, kTileBytes);
     loader.restart(renderer);
+    whole = false;
     renderer.ready.then(() => {
       lost = false;
       say('');
