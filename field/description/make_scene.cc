@@ -182,8 +182,10 @@ Result<std::unique_ptr<Scene>> volume_scene(const SceneDescription& d) {
   // A function that was made for this volume, or comes from a field, is already fitted to it.
   if (!preset) {
     preset.emplace();
-    preset->function =
-        d.make_transfer ? SLF_TRY(d.make_transfer(volume)) : default_transfer(volume);
+    if (d.make_transfer)
+      preset->function = SLF_TRY(d.make_transfer(volume));
+    else
+      preset->function = default_transfer(volume);
   }
   const TransferFunction function =
       d.transfer.empty() && !d.range ? preset->function : preset->fit(volume, d.range);

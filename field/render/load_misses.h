@@ -23,7 +23,8 @@ template <class Draw, class Load, class GoOn>
     if (misses.empty()) return true;
     if (std::ranges::any_of(misses, [&](TileKey key) { return loaded.contains(key); }))
       return false;
-    if (!SLF_TRY(load(misses))) return false;
+    const bool loads = SLF_TRY(load(misses));
+    if (!loads) return false;
     loaded.insert(misses.begin(), misses.end());
   }
   return false;

@@ -284,10 +284,11 @@ Result<void> TileCache::load_samples(LoadedTile& tile, const FoundTiles& found) 
   std::vector<ReferenceSamples> from;
   if (stored && !raw) {
     SLF_TRY(store.check(tile.ref));  // before what the payload names is loaded
-    const auto references =
-        SLF_TRY(is_known ? known->second.references : field_.references(tile.ref));
+    const auto listed = is_known ? known->second.references : field_.references(tile.ref);
+    const auto references = SLF_TRY(listed);
     for (const Reference& reference : references) {
-      const Pin& pin = pins.emplace_back(SLF_TRY(load_one(reference.tile, found)));
+      Pin loaded = SLF_TRY(load_one(reference.tile, found));
+      const Pin& pin = pins.emplace_back(std::move(loaded));
       from.push_back({reference, pin.samples()});
       if (pin.state() != storage::TileState::missing) continue;
       tile.lacking = pin.tile_->lacking.value_or(reference.tile);

@@ -52,12 +52,14 @@ class SampleEncoder {
   /// The bytes of a tile's payload; none if it is not stored.
   [[nodiscard]] Result<std::optional<std::uint64_t>> encode(TileKey key) const {
     Bytes samples, payload;
-    if (!SLF_TRY(read(key, samples))) return std::nullopt;
+    const bool is_stored = SLF_TRY(read(key, samples));
+    if (!is_stored) return std::nullopt;
     std::vector<Bytes> kept;
     std::vector<ReferenceSamples> from;
-    for (const Reference& reference : coder_.choose(key, samples))
-      if (SLF_TRY(read(reference.tile, kept.emplace_back())))
-        from.push_back({reference, kept.back()});
+    for (const Reference& reference : coder_.choose(key, samples)) {
+      const bool has_samples = SLF_TRY(read(reference.tile, kept.emplace_back()));
+      if (has_samples) from.push_back({reference, kept.back()});
+    }
     SLF_TRY(coder_.encode(key, samples, from, payload));
     return payload.size();
   }

@@ -171,7 +171,7 @@ TEST(Refused, OutputsThatCannotHoldWhatIsAskedFor) {
 
 TEST(Refused, ASphereThatMissesEverything) {
   expect_refused({"build", "scene:balls", "-o", "OUT.slf", "--center", "1000,0,0"},
-                 {"--center 1000,0,0", "misses"});
+                 {"around 1000,0,0 misses all that is visible", "see --center and --radius"});
   expect_refused({"build", "scene:balls", "-o", "OUT.slf", "--radius", "-1"}, {"--radius", "-1"});
 }
 
