@@ -124,6 +124,7 @@ std::vector<Manifest::State> read_states(Reader& in, const nlohmann::json& json)
     const std::string at = "/states/" + std::to_string(states.size());
     Manifest::State& state = states.emplace_back();
     state.name = in.text(at + "/name");
+    if (state.name.empty()) in.problem(at + "/name", "is empty");
     state.provenance = nlohmann::json::object();
     if (!one.is_object() || !one.contains("provenance")) continue;
     if (!one["provenance"].is_object()) in.problem(at + "/provenance", "is not an object");

@@ -92,9 +92,9 @@ class FieldWriter {
   /// Copies the payloads given to put_view() that are not committed.
   void copy_viewed_payloads() { writer_->copy_viewed_payloads(); }
 
-  /// Appends a missing tile, which put() can fill later.
   /// Writes a tile that is the same as one that is stored `back` states before.
   [[nodiscard]] Result<void> put_same(TileKey key, std::uint64_t back);
+  /// Appends a missing tile, which put() can fill later.
   [[nodiscard]] Result<void> put_missing(TileKey key);
 
   /// Sets the light that the field keeps, in the next commit. Empty: none.

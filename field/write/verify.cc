@@ -138,14 +138,15 @@ class Verifier {
   }
 
   static std::string place(const FieldFile& field, const TileRef& tile) {
-    return field.path() + ": tile " + storage::name(tile.key);
+    return field.place(tile.key);
   }
 
   void check_same(const FieldFile& field, const TileRef& tile) {
-    const auto source = field.store().find(tile.source);
-    if (!source || source->state != TileState::stored)
-      add(FindingKind::reference, place(field, tile) + ": is the same as tile " +
-                                      storage::name(tile.source) + ", which is not stored");
+    const auto found = field.store().find(tile.key);
+    if (!found || found->state == TileState::missing)
+      add(FindingKind::reference,
+          place(field, tile) + ": tile " + storage::name(tile.source) +
+              ", which it is the same as, is missing; build the field again");
   }
 
   void compare_count(const FieldFile& field, unsigned level, std::uint64_t found) {

@@ -83,7 +83,8 @@ struct FieldState {
 
 /// The same with several states on one sphere, by default that around the first. Tiles whose
 /// samples equal those of the same tile of an earlier state are stored once. Keeps 16 bytes of each
-/// tile of the field in memory. unsupported: a shard. usage: no state; two have one name.
+/// tile of the field in memory. unsupported: a shard. usage: no state, a state without a name, two
+/// with one.
 [[nodiscard]] Result<BuildReport> build_field(std::span<const FieldState> states,
                                               const std::string& path, const BuildOptions& options,
                                               const ProgressCallback& progress = {});

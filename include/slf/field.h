@@ -65,6 +65,7 @@ class Field {
   /// Another state, of the same snapshot. To all that reads it, it is a field of its own. usage:
   /// there is no such state. Other errors as open().
   [[nodiscard]] Result<Field> in_state(unsigned state) const;
+  [[nodiscard]] Result<Field> in_state(const std::string& name) const;
   /// The source and the settings of the build: a JSON object without a fixed schema.
   [[nodiscard]] std::string provenance() const;
   /// Whether colours are linear radiance, which map_tones() in render.h shows.
