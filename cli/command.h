@@ -126,8 +126,19 @@ void keep_freed_memory();
 
 // ---- fields ------------------------------------------------------------------------------------
 
-/// Opens a local field or one on a web server. Errors as Field::open() and RemoteField::open().
-[[nodiscard]] Result<Field> open_field(const std::string& path);
+/// Opens a local field or one on a web server, in a state by its name or number. Errors as
+/// Field::open(), RemoteField::open() and Field::in_state().
+[[nodiscard]] Result<Field> open_field(const std::string& path, const std::string& state = {});
+
+/// A field, and the state of it to show.
+struct FieldArguments {
+  std::string path, state;
+
+  void add_to(CLI::App& command, const char* help);
+  [[nodiscard]] Result<Field> open() const { return open_field(path, state); }
+};
+void add_state(CLI::App& command, const char* name, std::string& state, const char* help);
+
 /// Whether the path is an address, or that of a file that is a field by its name or its bytes.
 [[nodiscard]] bool is_field(const std::string& path);
 
@@ -297,6 +308,15 @@ Result<T> hinted(Result<T> result) {
     return with_hint(result.error(), hint_of(result.error().choice));
   return result;
 }
+
+struct MadeState {
+  std::string name;
+  std::unique_ptr<Scene> scene;
+};
+/// The states that a JSON file lists (schemas/states.json): scenes with the `common` options, but
+/// for those of each state. Messages name the file and the state.
+[[nodiscard]] Result<std::vector<MadeState>> make_states(const std::string& file,
+                                                         const SourceArguments& common);
 
 /// The options that choose the part of a field to build.
 struct ShardArguments {

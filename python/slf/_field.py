@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import atexit
 import contextlib
+import copy
 import json
 import os
 import warnings
 import weakref
 from types import TracebackType
-from typing import (Any, Callable, Iterator, List, Optional, Sequence, Tuple, Type, Union, Unpack,
-                    overload)
+from typing import (Any, Callable, Dict, Iterator, List, Optional, Sequence, Tuple, Type, Union,
+                    Unpack, overload)
 
 import numpy as np
 
@@ -27,6 +28,8 @@ Path = Union[str, "os.PathLike[str]"]
 AnyCamera = Union[Orbit, Camera]
 Size = Tuple[int, int]
 LevelName = Union[int, str]
+State = Union[int, str]
+"""The number of a state, from 0, or its name."""
 
 _DEFAULT_MEMORY = 256 << 20
 _THUMBNAIL_MEMORY = 16 << 20
@@ -75,12 +78,15 @@ class Field:
     """
 
     def __init__(self, path: Path, *, memory: int = _DEFAULT_MEMORY, threads: int = 0,
-                 progress: Progress = None) -> None:
+                 state: State = 0, progress: Progress = None) -> None:
         self._open: Optional[_slf.Field] = None
-        self._opened_with = (path, memory, threads)
+        self._opened_with = (path, memory, threads, state)
+        self._others: Dict[State, Field] = {}
         self._server: Optional[_slf.Server] = None
         with reporter(progress, "fetch") as report:
             self._open = _slf.Field(path_text(path), memory, threads, report)
+        if state != 0:
+            self._open = self._open.in_state(state)
         self._shape: Shape = self._open.shape
         self.build_report: Optional[BuildReport] = None
         """What slf.build() did, if it opened this field."""
@@ -96,6 +102,7 @@ class Field:
     def close(self) -> None:
         """Closes the file. A second call does nothing."""
         self._open = None
+        self._others.clear()
         if self._server is not None:
             self._server.close()
             self._server = None
@@ -172,8 +179,30 @@ class Field:
     def file_bytes(self) -> int:
         return self._field.file_bytes
 
+    @property
+    def states(self) -> Tuple[str, ...]:
+        """The names of the states, variants of the object that the file holds; () if there is just
+        one."""
+        return self._field.states
+
+    @property
+    def state(self) -> int:
+        """The state that this shows; 0 unless another was asked for."""
+        return self._field.state
+
+    def in_state(self, state: State) -> Field:
+        """The same file in another state, by its name or number: a field of its own, with its own
+        memory for tiles. Later calls return the same one. slf.UsageError: there is none."""
+        if state not in self._others:
+            other = self._others[state] = copy.copy(self)
+            other._open = self._field.in_state(state)
+            other._opened_with = (*self._opened_with[:3], state)
+            other._others = {}
+            other._server = None
+        return self._others[state]
+
     def content(self) -> Content:
-        """Counts the tiles and bytes of each level. slf.BadFileError: a table is damaged."""
+        """Counts the tiles and bytes of each level, of this state. slf.BadFileError: a table is damaged."""
         return self._field.content()
 
     # -- pictures ---------------------------------------------------------------------------------
@@ -195,18 +224,18 @@ class Field:
     def render(self, camera: AnyCamera = ..., size: Size = ..., mode: Optional[str] = ...,
                level: LevelName = ..., *, dtype: Any = ...,
                background: Optional[Sequence[float]] = ...,
-               tone: Optional[Tone] = ...) -> np.ndarray: ...
+               tone: Optional[Tone] = ..., state: Optional[State] = ...) -> np.ndarray: ...
 
     @overload
     def render(self, camera: AnyCamera = ..., size: Size = ..., mode: Optional[str] = ...,
                level: LevelName = ..., *, depth: bool, dtype: Any = ...,
                background: Optional[Sequence[float]] = ...,
-               tone: Optional[Tone] = ...) -> Any: ...
+               tone: Optional[Tone] = ..., state: Optional[State] = ...) -> Any: ...
 
     def render(self, camera: AnyCamera = orbit(), size: Size = (512, 512),
                mode: Optional[str] = None, level: LevelName = "finest", *, depth: bool = False,
                dtype: Any = np.float32, background: Optional[Sequence[float]] = None,
-               tone: Optional[Tone] = None) -> Any:
+               tone: Optional[Tone] = None, state: Optional[State] = None) -> Any:
         """Draws a view: an array [height, width, 4] of RGBA, premultiplied by alpha.
 
         camera: slf.orbit() or slf.Camera.
@@ -219,12 +248,14 @@ class Field:
         background: an RGB colour, each 0 to 1, to composite over; alpha is then 1.
         tone: how to show linear radiance; default: as it is for float32 without a background,
             else Tone().
+        state: that of in_state(); default: the one that this shows.
 
-        Raises slf.UsageError for an invalid camera, level or mode, slf.BadFileError for a damaged
+        Raises slf.UsageError for an invalid camera, level, mode or state, slf.BadFileError for a damaged
         tile.
         """
         display = check_dtype(dtype) == np.uint8 or background is not None
-        colors, distance = self._field.render(camera_tuple(self.sphere, camera, size), mode,
+        shown = self if state is None else self.in_state(state)
+        colors, distance = shown._field.render(camera_tuple(self.sphere, camera, size), mode,
                                               self._level(level), depth, tone, display)
         picture = finished_picture(colors, dtype, background)
         return Picture(picture, distance) if depth else picture
@@ -394,21 +425,22 @@ def _end_threads() -> None:
         owner.close()
 
 
-def open(path: Path, *, memory: int = _DEFAULT_MEMORY, threads: int = 0,
+def open(path: Path, *, memory: int = _DEFAULT_MEMORY, threads: int = 0, state: State = 0,
          progress: Progress = None) -> Field:
     """Opens a field, complete or not: a file or an address, http:// or https://.
 
     memory: most bytes of decoded tiles.
     threads: for drawing; 0: all.
+    state: which of the field's states to show; Field.in_state() shows another.
     progress: counts the bytes of a remote field that must be fetched whole.
 
     Raises FileNotFoundError, slf.IoError, slf.BadFileError, slf.UnsupportedError (a newer format).
     """
-    return Field(path, memory=memory, threads=threads, progress=progress)
+    return Field(path, memory=memory, threads=threads, state=state, progress=progress)
 
 
-def _reopened(path: Path, memory: int, threads: int) -> Field:
-    return Field(path, memory=memory, threads=threads)
+def _reopened(path: Path, memory: int, threads: int, state: State) -> Field:
+    return Field(path, memory=memory, threads=threads, state=state)
 
 
 def verify(field: Union[Field, Path], *, quick: bool = False, fix: bool = False, threads: int = 0,
