@@ -111,6 +111,25 @@ glm::dvec3 to_vector(const std::vector<double>& numbers) {
   return {numbers[0], numbers[1], numbers[2]};
 }
 
+std::istream& operator>>(std::istream& in, Clip& clip) {
+  for (int k = 0; k < 6; ++k) {
+    if (k > 0 && in.get() != ',') in.setstate(std::ios::failbit);
+    in >> (k < 3 ? clip.point[k] : clip.normal[k - 3]);
+  }
+  return in;
+}
+
+CLI::Option* add_clip(CLI::App& command, std::vector<Clip>& clip) {
+  return command
+      .add_option("--clip", clip,
+                  "Remove what lies beyond a plane (world): on the side of X,Y,Z that the normal\n"
+                  "points to; may be repeated")
+      ->expected(1, 64)
+      ->allow_extra_args(false)
+      ->check(reads<Clip>("a point and a normal, as 0,0,40,0,0,1"))
+      ->type_name("X,Y,Z,NX,NY,NZ");
+}
+
 std::istream& operator>>(std::istream& in, PixelSize& size) {
   std::int64_t width = 0, height = 0;
   if (in >> width && !in.eof() && in.peek() == 'x')

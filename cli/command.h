@@ -216,6 +216,11 @@ CLI::Option* add_vector(CLI::App& command, const std::string& name, std::vector<
                         const std::string& help);
 [[nodiscard]] glm::dvec3 to_vector(const std::vector<double>& numbers);
 
+/// "X,Y,Z,NX,NY,NZ".
+struct Clip : ClipPlane {};
+std::istream& operator>>(std::istream& in, Clip& clip);
+CLI::Option* add_clip(CLI::App& command, std::vector<Clip>& clip);
+
 /// "512x384", or "512" for a square.
 struct PixelSize {
   std::uint32_t width = 0, height = 0;
@@ -278,6 +283,7 @@ struct SourceArguments {
   std::vector<double> spacing;      // empty: the file's
   std::uint64_t offset = 0;
   std::string crop;
+  std::vector<Clip> clip;  // empty: as the field has it
   std::optional<std::uint32_t> component, time;
   std::string array;  // empty: the reader's choice
   std::optional<std::string> series;

@@ -191,6 +191,7 @@ Result<std::unique_ptr<Scene>> SourceArguments::mesh_scene(const nlohmann::json&
                                       {"--mask", !mask.empty()},
                                       {"--labels", labels},
                                       {"--crop", !crop.empty()},
+                                      {"--clip", !clip.empty()},
                                       {"--dims", !dims.empty()},
                                       {"--projection", raycast.projection != Projection::none},
                                       {"--light-file", !light_file.empty()},
@@ -249,6 +250,7 @@ Result<std::unique_ptr<Scene>> SourceArguments::scene(
         return fail(ErrorCode::usage, "the field was built with ", option, "; pass the same file");
   }
   options.step = std::min(options.step, longest_step);
+  if (!clip.empty()) options.clip.assign(clip.begin(), clip.end());
   SLF_TRY(set_light(options));
   // Read the small file first, so that an error in it is found before a large volume is read.
   if (!transfer.empty()) {

@@ -209,6 +209,67 @@ HWY_INLINE Gradient gradient_of(const Samples<S>& samples, std::size_t i) {
   return {{trilinear(x0[0], x1[0]), trilinear(x0[1], x1[1]), trilinear(x0[2], x1[2])}};
 }
 
+/// The faces of the volume, and the planes that clip it: they cut matter, so there they are its
+/// surface.
+template <class S>
+struct Faces {
+  const RayGrid& grid;
+  const Samples<S>& samples;
+  std::size_t i;
+  bool near = any_near();  ///< one of kLanes samples, at least
+
+  HWY_INLINE void find_place(Floats u, Floats (&at)[3]) const {
+    find_position(samples, u, i, at);
+    for (int axis = 0; axis < 3; ++axis)
+      at[axis] = at[axis] + hn::ConvertTo(kFloats, hn::Load(kInts, samples.cell[axis] + i));
+  }
+  /// How far places lie below a plane, in voxels.
+  static HWY_INLINE Floats below(const GridPlane& plane, const Floats (&at)[3]) {
+    Floats sum = hn::Set(kFloats, static_cast<float>(plane.offset));
+    for (int axis = 0; axis < 3; ++axis)
+      sum = hn::MulAdd(hn::Set(kFloats, static_cast<float>(plane.inwards[axis])), at[axis], sum);
+    return sum;
+  }
+  HWY_INLINE bool any_near() const {
+    auto at_face = hn::Zero(kInts) > hn::Zero(kInts);
+    for (int axis = 0; axis < 3; ++axis) {
+      const Ints cell = hn::Load(kInts, samples.cell[axis] + i);
+      at_face = hn::Or(
+          at_face, hn::Or(cell == hn::Zero(kInts), cell == hn::Set(kInts, grid.dims[axis] - 2)));
+    }
+    for (int end = 0; end < (grid.clip.empty() ? 0 : 2); ++end) {
+      Floats at[3];
+      find_place(hn::Set(kFloats, static_cast<float>(end)), at);
+      for (const GridPlane& plane : grid.clip)
+        at_face = hn::Or(at_face, hn::RebindMask(kInts, below(plane, at) < hn::Set(kFloats, 1.f)));
+    }
+    return !hn::AllFalse(kInts, at_face);
+  }
+  /// Turns the normals (world, times the share of the surface) at a place of the interval to those
+  /// of faces within a voxel.
+  HWY_INLINE void operator()(Floats place, Floats (&normal)[3]) const {
+    const Floats one = hn::Set(kFloats, 1.f);
+    Floats at[3];
+    find_place(place, at);
+    for (int axis = 0; axis < 3; ++axis) {
+      const Floats high = hn::Set(kFloats, static_cast<float>(grid.dims[axis] - 1)) - at[axis];
+      turn(hn::Min(at[axis], high), hn::IfThenElse(at[axis] < high, hn::Neg(one), one),
+           grid.face_normals[axis], normal);
+    }
+    turn_to_clip(at, normal);
+  }
+  HWY_INLINE void turn_to_clip(const Floats (&at)[3], Floats (&normal)[3]) const {
+    for (const GridPlane& plane : grid.clip)
+      turn(below(plane, at), hn::Set(kFloats, 1.f), plane.outwards, normal);
+  }
+  static HWY_INLINE void turn(Floats below, Floats sign, const glm::vec4& to, Floats (&normal)[3]) {
+    const Floats one = hn::Set(kFloats, 1.f);
+    const Floats share = hn::Max(hn::Zero(kFloats), hn::Min(one, one - below));
+    for (int k = 0; k < 3; ++k)
+      normal[k] = hn::MulAdd(share * sign, hn::Set(kFloats, to[k]), normal[k] * (one - share));
+  }
+};
+
 /// Multiplies the pieces' shares by ambient and Lambertian light at several places of each, because
 /// normals change quickly below a surface. The normal is the trilinear interpolation of central
 /// differences, so it has no facets.
@@ -217,6 +278,7 @@ HWY_INLINE void shade(const RayGrid& grid, Samples<S>& samples) {
   const Floats one = hn::Set(kFloats, 1.f);
   for (std::size_t i = 0; i < samples.size; i += kLanes) {
     const Gradient gradient = gradient_of(samples, i);
+    const Faces<S> faces{grid, samples, i};
     Floats light[kPieces];
     for (int point = 0; point < kPieces * kPoints; ++point) {
       const int k = point / kPoints;
@@ -229,18 +291,32 @@ HWY_INLINE void shade(const RayGrid& grid, Samples<S>& samples) {
       const Floats d[3] = {gradient.along[0](p), gradient.along[1](p), gradient.along[2](p)};
       // Transform the gradient to world coordinates.
       const auto& m = grid.gradient_to_world;
-      Floats toward = hn::Zero(kFloats), length2 = hn::Set(kFloats, 1e-30f);
+      Floats toward = hn::Zero(kFloats), length2 = hn::Set(kFloats, 1e-30f), normal[3];
       for (int axis = 0; axis < 3; ++axis) {
         const Floats n = hn::MulAdd(hn::Set(kFloats, 0.5f * m[0][axis]), d[0],
                                     hn::MulAdd(hn::Set(kFloats, 0.5f * m[1][axis]), d[1],
                                                hn::Set(kFloats, 0.5f * m[2][axis]) * d[2]));
         toward = hn::NegMulAdd(n, hn::Set(kFloats, grid.light[axis]), toward);
         length2 = hn::MulAdd(n, n, length2);
+        normal[axis] = hn::Neg(n);
       }
       // Small gradients are unreliable: fade their shading out.
-      const Floats length = hn::Sqrt(length2);
+      Floats length = hn::Sqrt(length2);
+      Floats sure = hn::Min(one, length * hn::Set(kFloats, grid.inverse_gradient_floor));
+      if (!grid.clip.empty()) {
+        for (Floats& n : normal) n = n * (sure / length);
+        Floats at[3];
+        faces.find_place(place, at);
+        faces.turn_to_clip(at, normal);
+        toward = hn::Zero(kFloats);
+        length2 = hn::Set(kFloats, 1e-30f);
+        for (int axis = 0; axis < 3; ++axis) {
+          toward = hn::MulAdd(normal[axis], hn::Set(kFloats, grid.light[axis]), toward);
+          length2 = hn::MulAdd(normal[axis], normal[axis], length2);
+        }
+        sure = length = hn::Sqrt(length2);
+      }
       const Floats lambert = hn::Max(hn::Zero(kFloats), toward) / length;
-      const Floats sure = hn::Min(one, length * hn::Set(kFloats, grid.inverse_gradient_floor));
       const Floats dark = hn::Set(kFloats, 1 - grid.ambient) * (one - lambert);
       const Floats shown = hn::NegMulAdd(dark, sure, one);
       light[k] = point % kPoints == 0 ? shown : light[k] + shown;
@@ -321,17 +397,7 @@ struct NormalFinder {
   const Samples<S>& samples;
   std::size_t i;
   Gradient gradient = gradient_of(samples, i);
-  bool cut = near_face();
-
-  HWY_INLINE bool near_face() const {
-    auto at_face = hn::Zero(kInts) > hn::Zero(kInts);
-    for (int axis = 0; axis < 3; ++axis) {
-      const Ints cell = hn::Load(kInts, samples.cell[axis] + i);
-      at_face = hn::Or(
-          at_face, hn::Or(cell == hn::Zero(kInts), cell == hn::Set(kInts, grid.dims[axis] - 2)));
-    }
-    return !hn::AllFalse(kInts, at_face);
-  }
+  Faces<S> faces{grid, samples, i};
 
   /// The normal (world) at a place of the interval, times how far it is a surface if it is opaque.
   HWY_INLINE void operator()(Floats place, Floats (&normal)[3]) const {
@@ -350,16 +416,7 @@ struct NormalFinder {
         one - hn::Exp(kFloats, length * hn::Set(kFloats, -grid.inverse_gradient_floor));
     const Floats scale = hn::IfThenElseZero(hn::IsFinite(length2), sure / length);
     for (Floats& n : normal) n = n * scale;
-    if (!cut) return;
-    for (int axis = 0; axis < 3; ++axis) {
-      const Floats low = p[axis] + hn::ConvertTo(kFloats, hn::Load(kInts, samples.cell[axis] + i));
-      const Floats high = hn::Set(kFloats, static_cast<float>(grid.dims[axis] - 1)) - low;
-      const Floats share = hn::Max(hn::Zero(kFloats), hn::Min(one, one - hn::Min(low, high)));
-      const Floats outwards = hn::IfThenElse(low < high, hn::Zero(kFloats) - share, share);
-      for (int k = 0; k < 3; ++k)
-        normal[k] = hn::MulAdd(outwards, hn::Set(kFloats, grid.face_normals[axis][k]),
-                               normal[k] * (one - share));
-    }
+    if (faces.near) faces(place, normal);
   }
 };
 

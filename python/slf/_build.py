@@ -62,7 +62,8 @@ def build(source: Any, out: Path, *, entry: int = 8, exit: int = 32, levels: int
         light_samples, light_bounces, light_spacing, light_memory, light_seed, tone: of the first
         two.  light_file: keeps the light, for builds that differ in the field's shape only.
     shade, light_direction, ambient: of light "direct", which shade=False and ambient imply.
-    projection: "mip", "minip" or "mean".  step: longest sample, in voxels.
+    clip: planes (x, y, z, nx, ny, nz); what lies on the side of x, y, z that the normal points to is
+        removed.  projection: "mip", "minip" or "mean".  step: longest sample, in voxels.
     component, time, array, series, resample: which part of a file, as `slf build` has them.
 
     Raises slf.UsageError (a ValueError) for wrong settings or another field at `out`, slf.IoError,

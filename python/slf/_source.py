@@ -9,8 +9,8 @@ import math
 import mmap
 import os
 import tempfile
-from typing import (Any, Callable, Dict, Iterator, List, Mapping, NamedTuple, Optional, Sequence,
-                    Tuple, Union)
+from typing import (Any, Callable, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Optional,
+                    Sequence, Tuple, Union)
 
 import numpy as np
 
@@ -295,7 +295,8 @@ def _volume_scene(source: Any, *, linear: bool, folder: Optional[str], threads: 
                   light_file: str = "", tone: Optional[Tone] = None, shade: bool = True,
                   light_direction: Sequence[float] = (-0.45, -0.65, 0.6),
                   ambient: Optional[float] = None, projection: Optional[str] = None,
-                  step: float = 2, **reader: Any) -> _slf.Scene:
+                  step: float = 2, clip: Iterable[Sequence[float]] = (),
+                  **reader: Any) -> _slf.Scene:
     unknown = sorted(set(reader) - set(_OF_FILES))
     if unknown:
         raise TypeError(f"unexpected settings: {', '.join(unknown)}")
@@ -321,16 +322,17 @@ def _volume_scene(source: Any, *, linear: bool, folder: Optional[str], threads: 
                      volume_of(part, labels=True, like=place, folder=folder, mapped=mapped,
                                name=None if isinstance(part, (str, os.PathLike)) else what)[0])
     shown = tone or Tone()
+    planes = np.asarray([[float(x) for x in plane] for plane in clip]).reshape(-1, 6)
     for what, value in (("step", step), ("ambient", ambient or 0), ("range", range or ()),
                         ("light_direction", light_direction), ("light_samples", light_samples),
                         ("light_bounces", light_bounces), ("light_spacing", light_spacing),
                         ("light_memory", light_memory), ("light_seed", light_seed),
-                        ("environment_gain", environment_gain), ("exposure", shown.exposure)):
+                        ("clip", planes), ("environment_gain", environment_gain), ("exposure", shown.exposure)):
         finite(what, value)
     settings = {
         "step": float(step), "ambient": 0.3 if ambient is None else float(ambient),
         "shade": shade and projection is None, "projection": _PROJECTIONS[projection],
-        "light": [float(x) for x in light_direction],
+        "light": [float(x) for x in light_direction], "clip": planes.tolist(),
         "lighting": {
             "mode": light, "samples": light_samples, "bounces": light_bounces,
             "spacing": float(light_spacing), "memory": light_memory, "seed": light_seed,
