@@ -111,6 +111,14 @@ glm::dvec3 to_vector(const std::vector<double>& numbers) {
   return {numbers[0], numbers[1], numbers[2]};
 }
 
+std::istream& operator>>(std::istream& in, Clip& clip) {
+  for (int k = 0; k < 6; ++k) {
+    if (k > 0 && in.get() != ',') in.setstate(std::ios::failbit);
+    in >> (k < 3 ? clip.point[k] : clip.normal[k - 3]);
+  }
+  return in;
+}
+
 std::istream& operator>>(std::istream& in, PixelSize& size) {
   std::int64_t width = 0, height = 0;
   if (in >> width && !in.eof() && in.peek() == 'x')

@@ -48,6 +48,7 @@ Result<RaycastOptions> rays_of(const SceneDescription& d, const json& built) {
     options.lighting.mode = d.lighting.value_or(direct ? Lighting::direct : Lighting::global);
   } else {
     options = raycast_options(built.dump());
+    if (!d.raycast.clip.empty()) options.clip = d.raycast.clip;
     if (d.environment.empty() && built.contains("/lighting/environment"_json_pointer))
       return fail_without("environment", ErrorCode::usage,
                           "the field was lit by an environment picture: name the same file");
@@ -75,6 +76,7 @@ Result<void> check_no_volume(const SceneDescription& d, const char* kind) {
                                       {"mask", !!d.mask},
                                       {"labels", d.reading.labels},
                                       {"crop", !!d.reading.crop},
+                                      {"clip", !d.raycast.clip.empty()},
                                       {"dims", !!d.reading.raw},
                                       {"projection", d.raycast.projection != Projection::none},
                                       {"light_file", !d.light_volume.file.empty()},
