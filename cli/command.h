@@ -216,9 +216,8 @@ CLI::Option* add_vector(CLI::App& command, const std::string& name, std::vector<
                         const std::string& help);
 [[nodiscard]] glm::dvec3 to_vector(const std::vector<double>& numbers);
 
-/// "X,Y,Z,NX,NY,NZ".
-struct Clip : ClipPlane {};
-std::istream& operator>>(std::istream& in, Clip& clip);
+/// Adds --clip.
+CLI::Option* add_clip(CLI::App& command, std::vector<ClipPlane>& clip);
 
 /// "512x384", or "512" for a square.
 struct PixelSize {

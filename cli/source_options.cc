@@ -89,20 +89,7 @@ void SourceArguments::add_volume_to(CLI::App& command, const char* name) {
   command.add_option("--mask", mask.path, "Show the volume only where this mask is not 0")
       ->type_name(kAnyFile)
       ->group(kVolumeGroup);
-  command
-      .add_option_function<std::vector<Clip>>(
-          "--clip",
-          [this](const std::vector<Clip>& planes) {
-            raycast.clip.assign(planes.begin(), planes.end());
-          },
-          "Remove what lies beyond a plane (world): on the side of X,Y,Z that the normal\n"
-          "points to; may be repeated")
-      ->expected(1, 64)
-      ->allow_extra_args(false)
-      ->check(reads<Clip>("a point and a normal, as 0,0,40,0,0,1"))
-      ->type_name("X,Y,Z,NX,NY,NZ")
-      ->group(kVolumeGroup);
-  add_clip(command, clip)->group(kVolumeGroup);
+  add_clip(command, raycast.clip)->group(kVolumeGroup);
   add_raw_to(command);
   add_mesh_to(command);
 }
