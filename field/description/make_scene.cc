@@ -197,7 +197,7 @@ Result<std::unique_ptr<Scene>> volume_scene(const SceneDescription& d) {
                             {d.paths.samples, options.lighting.seed});
   else
     made = Raycaster::make(std::move(volume), function, options, d.light_volume);
-  if (made || made.error().code != ErrorCode::failed) return made;
+  if (made || made.error().code != ErrorCode::failed || made.error().choice) return made;
   return fail_without("transfer", ErrorCode::failed, made.error().message, "; it runs from ",
                       function.colors.front().value, " to ", function.colors.back().value,
                       ": choose another, or stretch it to a range");

@@ -215,8 +215,8 @@ Result<std::unique_ptr<VolumeScene>> make_volume_scene(Volume volume,
                 ": all values are NaN or infinite: nothing is "
                 "visible under any transfer function; write the volume again");
   if (!bounds && !grid.clip.empty())
-    return fail(ErrorCode::failed, v.source,
-                ": nothing visible is left by the planes that clip it");
+    return fail_without("clip", ErrorCode::failed, v.source,
+                        ": nothing visible is left by the planes that clip it");
   if (!bounds)
     return fail(ErrorCode::failed, v.source, ": the transfer function '", transfer.name,
                 "' leaves nothing visible: its opacity is zero over all values of the volume (",
