@@ -146,7 +146,7 @@ Result<FieldContent> FieldFile::content() const {
     LevelContent& at = content.levels.emplace_back();
     at.level = level;
     at.tiles = shape().tiles(level);
-    at.slabs = shape().slabs(level);
+    at.slabs = shape().states * shape().slabs(level);
   }
   if (manifest_.part) {
     content.complete = SLF_TRY(part_is_complete());
