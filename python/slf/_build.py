@@ -70,8 +70,9 @@ def build(source: Any, out: Path, *, entry: int = 8, exit: int = 32, finest_leve
     with contextlib.ExitStack() as stack:
         scenes: List[Tuple[str, _slf.Scene]] = []
         for state in states or ({"name": ""},):
-            own: Any = {"source": source, **settings, **state}
-            scenes.append((own.pop("name", ""), stack.enter_context(
+            changed = {key: value for key, value in state.items() if key != "name"}
+            own: Any = {"source": source, **settings, **changed}
+            scenes.append((state.get("name", ""), stack.enter_context(
                 scene_of(own.pop("source"), linear=half, folder=folder, threads=threads,
                          sphere=whole, **own))))
         bounds = scenes[0][1].bounds
