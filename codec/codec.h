@@ -57,6 +57,12 @@ class Codec {
     return {};
   }
 
+  /// For each sample of a tile, the number of the block that it is coded with, from 0 on, where a
+  /// prediction may change without harm. Empty if the codec does not predict.
+  [[nodiscard]] virtual std::vector<std::uint32_t> blocks(const TileShape& /*tile*/) const {
+    return {};
+  }
+
   /// Bytes that decoding any tile needs and that are stored once per field, such as shared JPEG
   /// tables. Empty for codecs without any.
   [[nodiscard]] virtual ByteSpan tables() const { return {}; }

@@ -48,6 +48,16 @@ std::vector<std::uint8_t> PredictiveCodec::references(unsigned level,
   return used;
 }
 
+std::vector<std::uint32_t> PredictiveCodec::blocks(const TileShape& tile) const {
+  std::vector<std::uint32_t> blocks;
+  if (tile.bytes() == 0) return blocks;
+  const TilePicture& in = picture(tile);
+  for (const std::size_t pixel : in.pixel_of())
+    blocks.push_back(static_cast<std::uint32_t>(pixel / in.width() / 8 * (in.width() / 8) +
+                                                pixel % in.width() / 8));
+  return blocks;
+}
+
 Result<void> PredictiveCodec::encode(const TileShape& tile, ByteSpan samples,
                                      const Predicted* predicted, Bytes& payload) const {
   assert(tile.format == settings_.format && samples.size() == tile.bytes());

@@ -24,6 +24,7 @@ class PredictiveCodec final : public Codec {
   [[nodiscard]] std::string spec() const override;
   [[nodiscard]] bool lossless() const override { return settings_.quality == kLosslessQuality; }
   [[nodiscard]] bool predicts() const override { return true; }
+  [[nodiscard]] std::vector<std::uint32_t> blocks(const TileShape& tile) const override;
   [[nodiscard]] ByteSpan tables() const override { return bytes_; }
   [[nodiscard]] std::vector<std::uint8_t> references(unsigned level,
                                                      std::span<const std::uint8_t> kinds,

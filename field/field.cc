@@ -36,10 +36,12 @@ Result<std::shared_ptr<const FieldFile>> FieldFile::open(const storage::TileStor
   std::shared_ptr<FieldFile> field(new FieldFile(std::move(store), std::move(manifest)));
   field->state_ = whole ? 0 : state;
   field->codec_ = std::move(*codec);
-  field->coder_.emplace(field->shape(), field->format(), field->codec(),
-                        [file = field.get()](unsigned level) -> const LevelGeometry& {
-                          return file->geometry(level);
-                        });
+  field->coder_.emplace(
+      field->shape(), field->format(), field->codec(),
+      [file = field.get()](unsigned level) -> const LevelGeometry& {
+        return file->geometry(level);
+      },
+      !field->manifest().states.empty());
   if (field->predicts()) field->read_reference_index();
   return field;
 }
@@ -65,7 +67,29 @@ void FieldFile::read_reference_index() {
   }
 }
 
+namespace {
+
+/// Whether one of the references of a tile is of an earlier state.
+bool uses_state(TileKey key, std::span<const Reference> references) {
+  return std::ranges::any_of(
+      references, [&](const Reference& reference) { return reference.tile.level == key.level; });
+}
+
+}  // namespace
+
 Result<std::vector<Reference>> FieldFile::references(const storage::TileRef& tile) const {
+  auto named = SLF_TRY(listed(tile));
+  for (const Reference& reference : named) {
+    if (reference.tile.level != tile.key.level) continue;
+    const auto earlier = SLF_TRY(store_.find(reference.tile));
+    const auto others = SLF_TRY(listed(earlier));
+    if (uses_state(earlier.key, others))
+      return fail(ErrorCode::bad_file, place(tile.key), kChained);
+  }
+  return named;
+}
+
+Result<std::vector<Reference>> FieldFile::listed(const storage::TileRef& tile) const {
   if (!predicts() || tile.state != storage::TileState::stored) return std::vector<Reference>();
   SLF_TRY(store_.fetch(tile));
   auto named = coder_->references(tile.source, tile.payload);
@@ -91,12 +115,20 @@ FoundTiles FieldFile::find(std::span<const TileKey> keys, const Skip& skip, bool
       store_.advise(refs);
     level.clear();
     for (const storage::TileRef& ref : refs) {
-      auto named = references(ref);
+      auto named = listed(ref);
       if (!named) continue;
       for (const Reference& reference : *named) level.push_back(reference.tile);
       found.emplace(ref.key, FoundTile{ref, std::move(*named)});
     }
   }
+  if (coder_->uses_states())
+    std::erase_if(found, [&](const auto& tile) {
+      return std::ranges::any_of(tile.second.references, [&](const Reference& reference) {
+        const auto earlier = found.find(reference.tile);
+        return reference.tile.level == tile.first.level && earlier != found.end() &&
+               uses_state(earlier->first, earlier->second.references);
+      });
+    });
   return found;
 }
 

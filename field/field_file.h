@@ -28,6 +28,10 @@ inline constexpr const char* kManifestBlob = "field";
 inline constexpr const char* kTablesBlob = "tables";
 inline constexpr const char* kLightBlob = "light";
 
+/// What is wrong with a tile that is predicted from that of another state, and that from a third.
+inline constexpr const char* kChained =
+    ": is predicted from a tile of another state, which is predicted from one itself";
+
 /// A tile that was found in the file.
 struct FoundTile {
   storage::TileRef ref;
@@ -100,8 +104,10 @@ class FieldFile {
 
   /// Whether tiles are predicted from coarser ones.
   [[nodiscard]] bool predicts() const { return coder_->predicts(); }
-  /// The tiles that a tile is predicted from, as its payload names them. bad_file: the field has no
-  /// such tile.
+  /// The tiles that a tile is predicted from, as its payload names them: coarser ones and, in a
+  /// field of several states, maybe the same tile of an earlier state. bad_file: the field has no
+  /// such tile, or that of the earlier state is predicted from another state itself. So a tile
+  /// depends on at most two tiles of a level in each step.
   [[nodiscard]] Result<std::vector<Reference>> references(const storage::TileRef& tile) const;
   /// Finds tiles and, level by level, all that they are predicted from, except those that `skip`.
   /// If `advise`, asks the kernel to read each level's payloads before it reads the references in
@@ -130,6 +136,8 @@ class FieldFile {
       const storage::TileStore& store, unsigned state);
 
   void read_reference_index();
+  /// references() without a look at those of the tile of an earlier state.
+  [[nodiscard]] Result<std::vector<Reference>> listed(const storage::TileRef& tile) const;
   /// Advises tiles and all that they are predicted from, by the index of a remote file.
   void advise_together(std::vector<storage::TileRef> tiles) const;
   /// Whether all tiles of the part are there.

@@ -1,8 +1,13 @@
 #include "field/tile_coder.h"
 
+#include <algorithm>
+
 #include "base/half.h"
+#include "base/try.h"
+#include "base/varint.h"
 #include "codec/log_colors.h"
 #include "codec/prediction.h"
+#include "codec/premultiply.h"
 #include "field/predict/predictor.h"
 
 namespace slf {
@@ -12,7 +17,63 @@ namespace {
 /// it saves.
 constexpr std::uint32_t kMinUses = 6;
 
+constexpr std::uint32_t kNoColor = 0xFF808080;
+
+/// A colour that is not multiplied by alpha, and 255 instead of alpha.
+std::uint32_t straight(std::uint32_t rgba) {
+  const std::uint32_t alpha = rgba >> 24;
+  std::uint32_t color = alpha == 0 ? kNoColor : 0xFF000000u;
+  for (const int shift : {0, 8, 16})
+    if (alpha > 0)
+      color |= std::min(255u, ((rgba >> shift & 255) * 255 + alpha / 2) / alpha) << shift;
+  return color;
+}
+
+/// How much a sample, as 8-bit numbers, differs from what is predicted of it.
+std::uint32_t difference(std::uint32_t rgba, std::uint8_t depth, std::uint8_t predicted_alpha,
+                         std::uint8_t predicted_depth, std::uint32_t color) {
+  const std::uint32_t alpha = rgba >> 24;
+  const auto apart = [](std::uint32_t a, std::uint32_t b) { return a > b ? a - b : b - a; };
+  std::uint32_t sum = 2 * apart(alpha, predicted_alpha);
+  if (alpha == 0) return sum;
+  sum += apart(depth, predicted_depth);
+  for (const int shift : {0, 8, 16})
+    sum += apart(rgba >> shift & 255, codec::premultiplied(color >> shift & 255, alpha));
+  return sum;
+}
+
+tl::unexpected<Error> damaged(const char* what) { return fail(ErrorCode::bad_file, what); }
+
+/// Samples as 8-bit numbers; `converted` holds them if they are half floats.
+ByteSpan as_bytes(ByteSpan samples, bool half, Bytes& converted) {
+  if (half) converted = codec::to_rgba8_depth8(samples);
+  return half ? ByteSpan(converted) : samples;
+}
+
 }  // namespace
+
+/// What comes before the codec's payload in fields of several states (FORMAT.md, "States in
+/// payloads").
+struct TileCoder::Head {
+  std::uint64_t back = 0;             ///< to the earlier state, whose tile is used; 0: none
+  std::vector<std::uint8_t> earlier;  ///< for each block, 1 if it is predicted from that
+
+  [[nodiscard]] TileKey tile(TileKey key) const {
+    return {key.level, key.index - (back << kStateBit)};
+  }
+  /// The bytes before the codec's payload.
+  [[nodiscard]] Bytes encode() const {
+    Bytes bytes;
+    append_varint(bytes, back);
+    std::uint8_t value = 1;
+    for (std::size_t at = 0; back > 0 && at < earlier.size(); value ^= 1) {
+      const std::size_t begin = at;
+      while (at < earlier.size() && earlier[at] == value) ++at;
+      append_varint(bytes, at - begin);
+    }
+    return bytes;
+  }
+};
 
 struct TileCoder::Relation {
   Relation(const TileCoder& coder, TileKey key)
@@ -22,24 +83,25 @@ struct TileCoder::Relation {
         rows(find_references(coarser, finer, sections.entry.index)),
         candidates(coarser, rows, sections, state_of(key)) {}
 
-  /// Predicts the tile, and calls `code` with that. Colours of half floats are converted.
-  template <class Code>
-  Result<void> predict(std::span<const ReferenceSamples> from, bool half, const Code& code) const {
+  /// Predicts the tile, lets `adjust` change that, and calls `code` with the result. Colours of
+  /// half floats are converted.
+  template <class Adjust, class Code>
+  Result<void> predict(std::span<const ReferenceSamples> from, bool half, const Adjust& adjust,
+                       const Code& code) const {
     std::vector<ReferenceTile> tiles(candidates.size());
     std::vector<std::uint8_t> used(candidates.size());
-    std::vector<Bytes> converted;
-    converted.reserve(from.size());
-    for (const ReferenceSamples& one : from) {
-      const auto k = candidates.find(one.reference);
+    std::vector<Bytes> converted(from.size());
+    for (std::size_t i = 0; i < from.size(); ++i) {
+      const auto k = candidates.find(from[i].reference);
       if (!k) continue;
       used[*k] = 1;
-      if (one.samples.empty()) continue;
-      const ByteSpan bytes =
-          half ? converted.emplace_back(codec::to_rgba8_depth8(one.samples)) : one.samples;
+      if (from[i].samples.empty()) continue;
+      const ByteSpan bytes = as_bytes(from[i].samples, half, converted[i]);
       tiles[*k] = {bytes.data(), bytes.data() + bytes.size() / 5 * 4};
     }
     thread_local PredictedSamples predicted;
     TilePredictor(coarser, finer, sections, rows).predict(tiles, predicted);
+    adjust(predicted);
     const codec::Predicted told{finer.level(), candidates.kinds(), used, predicted.view()};
     return code(&told);
   }
@@ -51,8 +113,36 @@ struct TileCoder::Relation {
   const Candidates candidates;
 };
 
+std::pair<std::vector<std::uint32_t>, std::uint32_t> TileCoder::blocks(TileKey key) const {
+  auto of = codec_.blocks(tile_shape(key));
+  const auto last = std::max_element(of.begin(), of.end());
+  const std::uint32_t count = last == of.end() ? 0 : *last + 1;
+  return {std::move(of), count};
+}
+
+Result<TileCoder::Head> TileCoder::take_head(TileKey key, ByteSpan& payload) const {
+  Head head;
+  if (!several_states_) return head;
+  const auto back = take_varint(payload);
+  if (!back || *back >= kMaxStates) return damaged("the payload names no state");
+  head.back = *back;
+  if (head.back == 0) return head;
+  const std::size_t count = blocks(key).second;
+  for (std::uint8_t value = 1; head.earlier.size() < count; value ^= 1) {
+    const auto run = take_varint(payload);
+    if (!run || *run > count - head.earlier.size() || (*run == 0 && !head.earlier.empty()))
+      return damaged("the payload does not say which state predicts its blocks");
+    head.earlier.insert(head.earlier.end(), *run, value);
+    if (*run == 0 && value == 0) return damaged("the payload has an empty run of blocks");
+  }
+  return head;
+}
+
 std::vector<Reference> TileCoder::references(TileKey key, ByteSpan payload) const {
   std::vector<Reference> named;
+  const auto head = take_head(key, payload);
+  if (!head) return named;  // decode() tells why
+  if (head->back > 0) named.push_back({head->tile(key)});
   if (!predicts(key)) return named;
   const Relation to(*this, key);
   const auto used = codec_.references(key.level, to.candidates.kinds(), payload);
@@ -61,13 +151,47 @@ std::vector<Reference> TileCoder::references(TileKey key, ByteSpan payload) cons
   return named;
 }
 
+template <class Code>
+Result<void> TileCoder::predict(TileKey key, const Head& head,
+                                std::span<const ReferenceSamples> from, const Code& code) const {
+  const auto keep = [](PredictedSamples&) {};
+  const bool half = is_half(format_);
+  if (head.back == 0 && !predicts(key)) return code(nullptr);
+  if (head.back == 0) return Relation(*this, key).predict(from, half, keep, code);
+  const auto found = std::find_if(from.begin(), from.end(), [&](const ReferenceSamples& one) {
+    return one.reference.tile == head.tile(key);
+  });
+  const TileShape shape = tile_shape(key);
+  if (found == from.end() || found->samples.size() != shape.bytes())
+    return damaged("the tile of another state that it is predicted from has no samples");
+  Bytes converted;
+  const ByteSpan earlier = as_bytes(found->samples, half, converted);
+  const auto of = blocks(key).first;
+  const auto adjust = [&](PredictedSamples& predicted) {
+    for (std::size_t s = 0; s < of.size(); ++s) {
+      if (!head.earlier[of[s]]) continue;
+      const auto rgba = load_le<std::uint32_t>(&earlier[4 * s]);
+      predicted.alpha[s] = static_cast<std::uint8_t>(rgba >> 24);
+      predicted.depth[s] = std::to_integer<std::uint8_t>(earlier[4 * of.size() + s]);
+      predicted.color[s] = straight(rgba);
+    }
+  };
+  if (predicts(key)) return Relation(*this, key).predict(from, half, adjust, code);
+  thread_local PredictedSamples predicted;
+  predicted.alpha.assign(of.size(), 0), predicted.depth.assign(of.size(), 128);
+  predicted.color.assign(of.size(), kNoColor);
+  adjust(predicted);
+  const codec::Predicted told{0, {}, {}, predicted.view()};
+  return code(&told);
+}
+
 Result<void> TileCoder::decode(TileKey key, ByteSpan payload,
                                std::span<const ReferenceSamples> from,
                                std::span<std::byte> samples) const {
-  const auto code = [&](const codec::Predicted* predicted) {
+  const Head head = SLF_TRY(take_head(key, payload));
+  return predict(key, head, from, [&](const codec::Predicted* predicted) {
     return codec_.decode(tile_shape(key), payload, predicted, samples);
-  };
-  return predicts(key) ? Relation(*this, key).predict(from, is_half(format_), code) : code(nullptr);
+  });
 }
 
 std::vector<Reference> TileCoder::choose(TileKey key, ByteSpan samples) const {
@@ -89,15 +213,59 @@ std::vector<Reference> TileCoder::choose(TileKey key, ByteSpan samples) const {
   return chosen;
 }
 
+/// Chooses, for each block, what differs less from the samples: what coarser tiles predict, or the
+/// tile of an earlier state.
+std::vector<std::uint8_t> TileCoder::choose_blocks(TileKey key, ByteSpan samples, ByteSpan earlier,
+                                                   const codec::Predicted* predicted) const {
+  Bytes converted[2];
+  const bool half = is_half(format_);
+  const ByteSpan own = as_bytes(samples, half, converted[0]),
+                 other = as_bytes(earlier, half, converted[1]);
+  const auto blocks_of = blocks(key);
+  const auto& of = blocks_of.first;
+  std::vector<std::int64_t> gain(blocks_of.second);  // of the earlier state
+  for (std::size_t s = 0; s < of.size(); ++s) {
+    const auto rgba = load_le<std::uint32_t>(&own[4 * s]),
+               there = load_le<std::uint32_t>(&other[4 * s]);
+    const auto depth = [&](ByteSpan in) {
+      return std::to_integer<std::uint8_t>(in[4 * of.size() + s]);
+    };
+    const auto alpha = static_cast<std::uint8_t>(there >> 24);
+    gain[of[s]] += predicted
+                       ? difference(rgba, depth(own), predicted->prediction.alpha[s],
+                                    predicted->prediction.depth[s], predicted->prediction.color[s])
+                       : difference(rgba, depth(own), 0, 128, kNoColor);
+    gain[of[s]] -= difference(rgba, depth(own), alpha, depth(other), straight(there));
+  }
+  std::vector<std::uint8_t> better(gain.size());
+  for (std::size_t b = 0; b < gain.size(); ++b)  // blocks that show nothing lengthen a run
+    better[b] = gain[b] == 0 && b > 0 ? better[b - 1] : gain[b] >= 0 ? 1 : 0;
+  return better;
+}
+
 Result<void> TileCoder::encode(TileKey key, ByteSpan samples,
                                std::span<const ReferenceSamples> from, Bytes& payload) const {
-  const auto code = [&](const codec::Predicted* predicted) {
+  std::vector<ReferenceSamples> used(from.begin(), from.end());
+  std::erase_if(used, [](const ReferenceSamples& one) { return one.samples.empty(); });
+  Head head;
+  const auto earlier = std::find_if(used.begin(), used.end(), [&](const ReferenceSamples& one) {
+    return one.reference.tile.level == key.level;
+  });
+  if (earlier != used.end()) {
+    head.back = state_of(key) - state_of(earlier->reference.tile);
+    SLF_TRY(predict(key, {}, used, [&](const codec::Predicted* predicted) -> Result<void> {
+      head.earlier = choose_blocks(key, samples, earlier->samples, predicted);
+      return {};
+    }));
+    if (std::count(head.earlier.begin(), head.earlier.end(), 0) == 0)
+      used = std::vector{ReferenceSamples(*earlier)};
+  }
+  SLF_TRY(predict(key, head, used, [&](const codec::Predicted* predicted) {
     return codec_.encode(tile_shape(key), samples, predicted, payload);
-  };
-  if (!predicts(key)) return code(nullptr);
-  std::vector<ReferenceSamples> visible(from.begin(), from.end());
-  std::erase_if(visible, [](const ReferenceSamples& one) { return one.samples.empty(); });
-  return Relation(*this, key).predict(visible, is_half(format_), code);
+  }));
+  const Bytes start = several_states_ && !payload.empty() ? head.encode() : Bytes();
+  payload.insert(payload.begin(), start.begin(), start.end());
+  return {};
 }
 
 }  // namespace slf

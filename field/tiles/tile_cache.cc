@@ -292,6 +292,11 @@ Result<void> TileCache::load_samples(LoadedTile& tile, const FoundTiles& found) 
       Pin loaded = SLF_TRY(load_one(reference.tile, found));
       const Pin& pin = pins.emplace_back(std::move(loaded));
       from.push_back({reference, pin.samples()});
+      if (reference.tile.level == tile.key.level) {
+        tile.uses_state = true;
+        if (pin.tile_->uses_state)
+          return fail(ErrorCode::bad_file, field_.place(tile.key), kChained);
+      }
       if (pin.state() != storage::TileState::missing) continue;
       tile.lacking = pin.tile_->lacking.value_or(reference.tile);
       tile.ref.state = storage::TileState::missing;

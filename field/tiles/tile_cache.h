@@ -158,8 +158,8 @@ class TileCache {
   /// As many of the first absent tiles as fit with their references, at least one.
   [[nodiscard]] Batch next_batch(std::span<const TileKey> keys, std::span<const std::size_t> absent,
                                  const FoundTiles& found);
-  /// Loads a tile, or waits for the thread that does. Loads depend on coarser levels only, so
-  /// threads never wait for each other in a circle.
+  /// Loads a tile, or waits for the thread that does. Loads depend on coarser levels and earlier
+  /// states only, so threads never wait for each other in a circle.
   [[nodiscard]] Result<Pin> load_one(TileKey key, const FoundTiles& found);
   /// Finds a tile, loads its references, and decodes it.
   [[nodiscard]] Result<void> load_samples(LoadedTile& tile, const FoundTiles& found);

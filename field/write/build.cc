@@ -281,12 +281,13 @@ struct BuildJob {
 
   [[nodiscard]] TileKey key(std::uint64_t k) const { return order.key(missing.number(k)); }
 
-  /// The first missing tile behind the level of the k-th one.
-  [[nodiscard]] std::uint64_t end_of_level(std::uint64_t k) const {
-    std::uint64_t same = k, later = missing.count();
-    while (later - same > 1) {
-      const std::uint64_t middle = same + (later - same) / 2;
-      (key(middle).level == key(k).level ? same : later) = middle;
+  /// The first missing tile behind the level and state of the k-th one.
+  [[nodiscard]] std::uint64_t end_of_part(std::uint64_t k) const {
+    const auto part = [&](std::uint64_t of) { return std::pair{key(of).level, state_of(key(of))}; };
+    std::uint64_t same_part = k, later = missing.count();
+    while (later - same_part > 1) {
+      const std::uint64_t middle = same_part + (later - same_part) / 2;
+      (part(middle) == part(k) ? same_part : later) = middle;
     }
     return later;
   }
@@ -333,16 +334,16 @@ Result<void> write_missing(BuildJob& job, std::uint64_t begin, std::uint64_t end
   return make_in_order(end - begin, job.threads, 4 * job.threads, new_maker, put);
 }
 
-/// Makes all missing tiles. If tiles are predicted, goes level by level, because a level is
-/// predicted from the committed file.
+/// Makes all missing tiles. If tiles are predicted, goes level by level and state by state, because
+/// each is predicted from the committed file.
 Result<void> write_levels(BuildJob& job, FieldWriter& writer, const std::string& path,
                           const BuildOptions& options, Reporter& progress) {
   for (std::uint64_t begin = 0, end = 0; begin < job.missing.count(); begin = end) {
     end = job.missing.count();
     if (job.reads_own_file) {
-      end = job.end_of_level(begin);
+      end = job.end_of_part(begin);
       SLF_TRY(writer.commit_level());
-      job.coarser.set(nullptr);  // it lacks the level before
+      job.coarser.set(nullptr);  // it lacks the level or state before
       SLF_TRY(job.follow(writer));
     }
     SLF_TRY(write_missing(job, begin, end, writer, path, options, progress));

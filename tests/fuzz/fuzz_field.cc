@@ -6,6 +6,7 @@
 #include <sys/mman.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cstdint>
 #include <cstdlib>
 #include <filesystem>
@@ -72,8 +73,14 @@ void use(const std::string& path) {
         shape.entry_resolution(shape.levels) > 64 || shape.exit_resolution(shape.levels) > 256)
       return;
     (void)field->content();
-    const std::uint64_t bad = decode_all(*field);
+    std::uint64_t bad = decode_all(*field);
     draw(*field);
+    for (unsigned state = 1; state < std::min<std::size_t>(field->states().size(), 4); ++state) {
+      const auto other = field->in_state(state);
+      require(other.has_value());
+      bad += decode_all(*other);
+      draw(*other);
+    }
     VerifyOptions options;
     options.threads = 1;
     const auto whole = verify_field(path, options);
@@ -103,6 +110,13 @@ constexpr std::string_view kPredictiveManifest =
 "radius":1},"entry_side":1,"exit_side":2,"levels":1,"entry_depth":0,"filtered_levels":1,
 "subfields":[7],"provenance":{},"format":"rgba8_depth8","codec":"predictive:80"})";
 
+/// The same of two states.
+constexpr std::string_view kStatesManifest =
+    R"({"slf":{"major":2,"minor":0},"required":["predictive","states"],"sphere":{"center":[0,0,0],
+"radius":1},"entry_side":1,"exit_side":2,"levels":1,"entry_depth":0,"filtered_levels":1,
+"subfields":[7],"provenance":{},"format":"rgba8_depth8","codec":"predictive:80",
+"states":[{"name":"a"},{"name":"b"}]})";
+
 Bytes bytes_of(std::string_view text) {
   const ByteSpan bytes = as_bytes(std::span<const char>(text));
   return {bytes.begin(), bytes.end()};
@@ -111,19 +125,27 @@ Bytes bytes_of(std::string_view text) {
 /// A field of one tile, with one of its parts replaced.
 void use_part(unsigned part, ByteSpan bytes) {
   const Bytes given(bytes.begin(), bytes.end());
-  const bool predictive = part >= 3;
+  const bool predictive = part >= 3, states = part == 5;
   const std::string path =
       (std::filesystem::exists("/dev/shm") ? "/dev/shm/slf-fuzz-" : "/tmp/slf-fuzz-") +
       std::to_string(getpid());
   std::filesystem::remove(path);
   std::vector<std::pair<std::string, Bytes>> blobs{
-      {kManifestBlob, part == 0 ? given : bytes_of(predictive ? kPredictiveManifest : kManifest)},
+      {kManifestBlob, part == 0 ? given
+                                : bytes_of(states       ? kStatesManifest
+                                           : predictive ? kPredictiveManifest
+                                                        : kManifest)},
       {kTablesBlob, part == 1 || part == 3 ? given : Bytes{}}};
   {
     auto writer = storage::TileWriter::create(path, blobs);
     require(writer.has_value());
-    require(writer->append({0, 7}, given).has_value());
-    if (predictive) require(writer->append({1, 7 << 4}, given).has_value());
+    for (const unsigned level : {0u, 1u})
+      for (const unsigned state : {0u, 1u})
+        if ((level == 0 || predictive) && (state == 0 || states))
+          require(writer
+                      ->append(in_state({static_cast<std::uint8_t>(level), 7u << 4 * level}, state),
+                               given)
+                      .has_value());
     require(writer->close().has_value());
   }
   use(path);
@@ -135,7 +157,7 @@ void use_part(unsigned part, ByteSpan bytes) {
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   if (size == 0) return 0;
   const ByteSpan bytes = std::as_bytes(std::span(data, size));
-  if (data[0] >= '0' && data[0] <= '4')
+  if (data[0] >= '0' && data[0] <= '5')
     use_part(data[0] - '0', bytes.subspan(1));
   else
     use_bytes(bytes);

@@ -290,7 +290,8 @@ SLF_EXPORT(slf_codec) int slf_codec() {
   auto made = codec::make_codec(m.manifest->codec, m.manifest->format, m.buffer);
   if (!made) return failed(made.error());
   m.codec = std::move(*made);
-  m.coder = std::make_unique<TileCoder>(m.manifest->shape, m.manifest->format, *m.codec, geometry);
+  m.coder = std::make_unique<TileCoder>(m.manifest->shape, m.manifest->format, *m.codec, geometry,
+                                        !m.manifest->states.empty());
   return kDone;
 }
 

@@ -108,6 +108,72 @@ TEST_P(States, ShowWhatFieldsOfTheirOwnShow) {
   EXPECT_EQ(verified->found, 0u);
 }
 
+// A cut changes a ball's tiles in part, and another colour changes none of its edges.
+TEST_P(States, TilesArePredictedFromThoseOfOtherStates) {
+  const auto field = FieldFile::whole(build_all());
+  ASSERT_TRUE(field);
+  if (!(*field)->predicts()) return;
+  std::map<std::uint64_t, std::uint64_t> predicted, stored;
+  const auto count = [&](const storage::TileRef& tile) -> Result<void> {
+    if (tile.state != TileState::stored) return {};
+    ++stored[state_of(tile.key)];
+    const auto references = (*field)->references(tile);
+    EXPECT_TRUE(references) << references.error().message;
+    for (const Reference& reference : *references)
+      if (reference.tile.level == tile.key.level) {
+        ++predicted[state_of(tile.key)];
+        EXPECT_LT(state_of(reference.tile), state_of(tile.key));
+        EXPECT_EQ(in_state(reference.tile, 0), in_state(tile.key, 0));
+      } else {
+        EXPECT_EQ(state_of(reference.tile), state_of(tile.key));
+      }
+    return {};
+  };
+  ASSERT_TRUE((*field)->store().visit({0, 0}, {255, 0}, count));
+  EXPECT_EQ(predicted[0], 0u);
+  EXPECT_GT(predicted[1], stored[1] / 4);
+  EXPECT_GT(predicted[4], stored[4] / 4);
+}
+
+TEST_P(States, DamageSpreadsToWhatIsPredictedFromIt) {
+  const std::string file = build_all();
+  const auto depends = [&](const FieldFile& field, TileKey on) {
+    std::set<TileKey> found{on};
+    const auto visit = [&](const storage::TileRef& tile) -> Result<void> {
+      bool uses = tile.state == TileState::same && tile.source == on;
+      const auto references = field.references(tile);
+      for (const Reference& reference : *references) uses |= found.contains(reference.tile);
+      if (uses) found.insert(tile.key);
+      return {};
+    };
+    EXPECT_TRUE(field.store().visit({0, 0}, {255, 0}, visit));
+    return found.size();
+  };
+  TileKey lost;
+  std::size_t expected = 0;
+  {
+    const auto field = FieldFile::whole(file);
+    ASSERT_TRUE(field);
+    const auto find = [&](const storage::TileRef& tile) -> Result<void> {
+      if (tile.state == TileState::stored && tile.key.level == 1 && state_of(tile.key) == 0)
+        if (const std::size_t count = depends(**field, tile.key); count > expected)
+          expected = count, lost = tile.key;
+      return {};
+    };
+    ASSERT_TRUE((*field)->store().visit({1, 0}, {1, 200}, find));
+    auto writer = storage::TileWriter::resume(file);
+    ASSERT_TRUE(writer);
+    ASSERT_TRUE(writer->replace(lost, TileState::missing, {}));
+    ASSERT_TRUE(writer->close());
+  }
+  const auto verified = verify_field(file, {});
+  ASSERT_TRUE(verified);
+  EXPECT_EQ(verified->damaged, 0u);
+  std::size_t told = 0;
+  for (const Finding& finding : verified->findings) told += finding.kind == FindingKind::reference;
+  EXPECT_EQ(told, expected - 1);
+}
+
 TEST_P(States, OneIsAFieldWithoutStates) {
   ASSERT_TRUE(build_field(whole_, path("a.slf"), options()));
   ASSERT_TRUE(build_field(std::span(states_).first(1), path("b.slf"), options()));
