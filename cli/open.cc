@@ -14,14 +14,18 @@ Result<Field> open_first_state(const std::string& path);
 
 }  // namespace
 
-Result<Field> open_field(const std::string& path, const std::string& state) {
-  auto field = open_first_state(path);
-  if (!field || state.empty()) return field;
+Result<Field> show_state(const Field& field, const std::string& state) {
+  if (state.empty()) return field;
   unsigned number = 0;
-  const auto names = field->states();
+  const auto names = field.states();
   const bool named = std::ranges::find(names, state) != names.end();
-  return hinted(!named && CLI::detail::lexical_cast(state, number) ? field->in_state(number)
-                                                                   : field->in_state(state));
+  return hinted(!named && CLI::detail::lexical_cast(state, number) ? field.in_state(number)
+                                                                   : field.in_state(state));
+}
+
+Result<Field> open_field(const std::string& path, const std::string& state) {
+  const auto field = SLF_TRY(open_first_state(path));
+  return show_state(field, state);
 }
 
 void FieldArguments::add_to(CLI::App& command, const char* help) {

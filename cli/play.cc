@@ -2,6 +2,8 @@
 #include <chrono>
 #include <cmath>
 #include <filesystem>
+#include <future>
+#include <map>
 #include <numeric>
 #include <optional>
 #include <thread>
@@ -28,6 +30,7 @@ struct PlayArguments {
   std::vector<Loading> loading{Loading::ahead};
   unsigned horizon = PlayOptions{}.horizon;
   bool cold = false;
+  std::string states;  // "FIRST:END"; empty: one state
   std::string frames, preview;
   DrawArguments draw;
   bool force = false, json = false;
@@ -91,6 +94,85 @@ bool wait_until(Clock::time_point due) {
   return stop_signal() == 0;
 }
 
+/// The players of the states that frames show in turn. Those of the next few are made ahead, each
+/// with its share of the memory, and load the views that their frames will show.
+class StatePlayers {
+ public:
+  /// `states`: none for the one that the field shows.
+  StatePlayers(Field field, std::span<const unsigned> states, PlayOptions options)
+      : field_(std::move(field)), states_(states.begin(), states.end()), options_(options) {
+    if (!states_.empty()) options_.renderer.memory /= window();
+  }
+
+  /// The player of frame k. `camera(k)` is that of any frame.
+  template <class CameraOf>
+  Result<Player*> at(std::size_t k, const CameraOf& camera) {
+    for (std::size_t next = k; next < k + window(); ++next) {
+      Made& made = players_[slot(next)];
+      if (!made.making.valid() && !made.player)
+        made.making = std::async(std::launch::async, [this, next, at = camera(next)] {
+          auto player = make(next);
+          if (player) player->expect(at);
+          return player;
+        });
+      else if (next > k && made.player)
+        made.player->expect(camera(next));
+    }
+    std::erase_if(players_, [&](const auto& made) {
+      for (std::size_t next = k; next < k + window(); ++next)
+        if (slot(next) == made.first) return false;
+      return true;
+    });
+    Made& made = players_[slot(k)];
+    if (!made.player) {
+      auto player = SLF_TRY(made.making.get());
+      made.player.emplace(std::move(player));
+    }
+    return &*made.player;
+  }
+
+ private:
+  struct Made {
+    std::future<Result<Player>> making;
+    std::optional<Player> player;
+  };
+  [[nodiscard]] std::size_t window() const {
+    return std::clamp<std::size_t>(states_.size(), 1, kStatesAhead);
+  }
+  [[nodiscard]] std::size_t slot(std::size_t k) const {
+    return states_.empty() ? 0 : k % states_.size();
+  }
+  [[nodiscard]] Result<Player> make(std::size_t k) const {
+    if (states_.empty()) return Player::make(field_, options_);
+    const auto shown = SLF_TRY(field_.in_state(states_[slot(k)]));
+    return Player::make(shown, options_);
+  }
+
+  static constexpr std::size_t kStatesAhead = 4;
+  const Field field_;
+  const std::vector<unsigned> states_;
+  PlayOptions options_;
+  std::map<std::size_t, Made> players_;
+};
+
+/// The states that frames show in turn; none for one.
+Result<std::vector<unsigned>> states_to_play(const PlayArguments& a, const Field& field) {
+  std::vector<unsigned> states;
+  if (a.states.empty()) return states;
+  const auto count = static_cast<unsigned>(std::max<std::size_t>(1, field.states().size()));
+  const std::size_t colon = a.states.find(':');
+  const std::string begin = a.states.substr(0, colon),
+                    end = colon == std::string::npos ? "" : a.states.substr(colon + 1);
+  unsigned first = 0, last = count;
+  const bool numbers = (begin.empty() || CLI::detail::lexical_cast(begin, first)) &&
+                       (end.empty() || CLI::detail::lexical_cast(end, last));
+  if (colon == std::string::npos || !numbers || first >= last || last > count)
+    return fail(ErrorCode::usage, "--states ", a.states, ": expected FIRST:END within 0:", count,
+                ", as 0:", count, " or :");
+  for (unsigned state = first; state < last; ++state) states.push_back(state);
+  return states;
+}
+
 /// Plays the path in real time. While a picture is written the clock stops, but the loading thread
 /// goes on.
 Result<PlayResult> play(const PlayArguments& a, const PlayOptions& options, FrameFiles* pictures) {
@@ -100,19 +182,24 @@ Result<PlayResult> play(const PlayArguments& a, const PlayOptions& options, Fram
   const auto view = SLF_TRY(a.draw.view(field));
   PlayOptions play_options = options;
   play_options.view = view;
-  auto player = SLF_TRY(Player::make(field, play_options));
+  const auto states = SLF_TRY(states_to_play(a, field));
+  StatePlayers players(field, states, play_options);
 
   PlayResult played{options.loading, {}, {}};
   const auto frames = static_cast<std::size_t>(std::max(1.0, std::round(path.seconds() * a.fps)));
   const auto progress = progress_bar(fmt::format("Playing, loading {}", name(options.loading)),
                                      "frames", OnSignal::stop);
   Image image;
+  const auto camera_of = [&](std::size_t k) {
+    return path.at(static_cast<double>(k) / a.fps, a.size.width, a.size.height);
+  };
+  SLF_TRY(players.at(0, camera_of));
   const auto period = std::chrono::duration<double>(1 / a.fps);
   auto due = Clock::now();
   for (std::size_t k = 0; k < frames && progress({k, frames, 0}); ++k) {
     if (!wait_until(due)) break;
-    const Camera camera = path.at(static_cast<double>(k) / a.fps, a.size.width, a.size.height);
-    SLF_TRY(player.draw(camera, image, &played.frames.emplace_back()));
+    Player* const player = SLF_TRY(players.at(k, camera_of));
+    SLF_TRY(player->draw(camera_of(k), image, &played.frames.emplace_back()));
     due += std::chrono::duration_cast<Clock::duration>(period);
     const ResidentMemory now = resident_memory();
     played.peak.anonymous = std::max(played.peak.anonymous, now.anonymous);
@@ -257,6 +344,11 @@ void add_play(CLI::App& app, Run& run) {
       "play", "Fly around a field at a steady frame rate, loading tiles ahead of the camera");
   auto a = std::make_shared<PlayArguments>();
   a->field.add_to(*command, "Field to play");
+  command
+      ->add_option("--states", a->states,
+                   "Show these states of the field in turn, one in each frame: a half-open\n"
+                   "range of their numbers, as 0:40; : are all")
+      ->type_name("FIRST:END");
   const char* path = "Path";
   auto* keys =
       command->add_option("--path", a->path,

@@ -1,6 +1,7 @@
 #include "slf/repack.h"
 
 #include <algorithm>
+#include <filesystem>
 
 #include "base/try.h"
 #include "cli/command.h"
@@ -11,7 +12,10 @@ namespace slf::cli {
 namespace {
 
 struct RepackArguments {
-  std::string input, output;
+  std::vector<std::string> inputs;
+  std::string output;
+  std::vector<std::string> states;  // to keep; empty: all
+  bool merge = false, split = false;
   Subfields subfields;
   std::optional<bool> half;
   RepackOptions repack;
@@ -39,6 +43,37 @@ Result<void> estimate(const RepackArguments& a, const Field& field, const Repack
   return {};
 }
 
+/// Adds the states of a field that the options choose. A field without states is one.
+Result<void> add_states(const std::string& input, const RepackArguments& a,
+                        std::vector<StateSource>& states) {
+  const auto first = SLF_TRY(open_field(input));
+  const std::vector<std::string> names = first.states();
+  if (names.empty() && a.states.empty())
+    states.push_back({std::filesystem::path(input).stem(), first});
+  for (const std::string& name : a.states.empty() ? names : a.states) {
+    const auto field = SLF_TRY(show_state(first, name));
+    states.push_back({field.states().empty() ? "" : names[field.state()], field});
+  }
+  return {};
+}
+
+/// --split-states: a field for each state.
+Result<void> split(const RepackArguments& a, std::span<const StateSource> states,
+                   const RepackOptions& options) {
+  const std::size_t at = a.output.find("{state}");
+  if (at == std::string::npos)
+    return fail(ErrorCode::usage, a.output, ": --split-states needs {state} in the output's name");
+  for (const StateSource& state : states) {
+    std::string path = a.output, name = state.name;
+    std::ranges::replace(name, '/', '_');
+    path.replace(at, 7, name);
+    const auto report = SLF_TRY(
+        repack_field(state.field, path, options, progress_bar("repack", "tiles", OnSignal::stop)));
+    print("{}: {}\n", path, human_bytes(static_cast<double>(report.file_bytes)));
+  }
+  return {};
+}
+
 Result<void> run_repack(const RepackArguments& a) {
   keep_freed_memory();
   RepackOptions options = a.repack;
@@ -47,11 +82,19 @@ Result<void> run_repack(const RepackArguments& a) {
   options.half = a.half;
   options.subfields = a.subfields.numbers;
   options.replace = a.force;
-  const auto field = SLF_TRY(open_field(a.input));
+  std::vector<StateSource> states;
+  for (const std::string& input : a.inputs) SLF_TRY(add_states(input, a, states));
+  if (a.inputs.size() > 1 && !a.merge)
+    return fail(ErrorCode::usage, "several fields: --merge-states makes states of them");
+  if (a.dry_run && states.size() > 1)
+    return fail(ErrorCode::unsupported, "--dry-run: choose one state with --states");
+  const Field& field = states.front().field;
   if (a.dry_run) return estimate(a, field, options);
   if (a.output.empty()) return fail(ErrorCode::usage, "--output is required, or --dry-run");
-  const auto report = SLF_TRY(
-      repack_field(field, a.output, options, progress_bar("repack", "tiles", OnSignal::stop)));
+  if (a.split) return split(a, states, options);
+  const auto bar = progress_bar("repack", "tiles", OnSignal::stop);
+  const auto report = SLF_TRY(states.size() > 1 ? join_states(states, a.output, options, bar)
+                                                : repack_field(field, a.output, options, bar));
   if (a.json)
     print_json({{"tiles", report.tiles},
                 {"copied", report.copied},
@@ -128,9 +171,21 @@ void add_repack(CLI::App& app, Run& run) {
   auto* command = app.add_subcommand(
       "repack", "Rewrite a field: another codec, quality, other levels; compact");
   auto a = std::make_shared<RepackArguments>();
-  command->add_option("FIELD", a->input, "Field to read; not touched")
+  command->add_option("FIELD", a->inputs, "Field to read; not touched")
       ->type_name(kFieldFile)
       ->required();
+  auto* merge =
+      command->add_flag("--merge-states", a->merge,
+                        "Make a field whose states are several fields, named after their\n"
+                        "files, and the states in them");
+  command
+      ->add_flag("--split-states", a->split,
+                 "Write a field for each state; the output's name has {state} for its name")
+      ->excludes(merge);
+  command
+      ->add_option("--states", a->states, "The states to keep, by names or numbers; default: all")
+      ->delimiter(',')
+      ->type_name("STATE,...");
   command->add_option("-o,--output", a->output, "The field to write")->type_name(kFieldFile);
   command->add_flag("--dry-run", a->dry_run,
                     "Write nothing: estimate the output's size from a sample of the tiles");

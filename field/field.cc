@@ -69,24 +69,30 @@ void FieldFile::read_reference_index() {
 
 namespace {
 
-/// Whether one of the references of a tile is of an earlier state.
-bool uses_state(TileKey key, std::span<const Reference> references) {
-  return std::ranges::any_of(
-      references, [&](const Reference& reference) { return reference.tile.level == key.level; });
+/// The same tile of an earlier state among the references of a tile; null: it is none of them.
+const Reference* earlier_of(TileKey key, std::span<const Reference> references) {
+  for (const Reference& reference : references)
+    if (reference.tile.level == key.level) return &reference;
+  return nullptr;
 }
 
 }  // namespace
 
 Result<std::vector<Reference>> FieldFile::references(const storage::TileRef& tile) const {
   auto named = SLF_TRY(listed(tile));
-  for (const Reference& reference : named) {
-    if (reference.tile.level != tile.key.level) continue;
-    const auto earlier = SLF_TRY(store_.find(reference.tile));
-    const auto others = SLF_TRY(listed(earlier));
-    if (uses_state(earlier.key, others))
-      return fail(ErrorCode::bad_file, place(tile.key), kChained);
-  }
+  if (earlier_of(tile.key, named)) SLF_TRY(chain(tile));
   return named;
+}
+
+Result<unsigned> FieldFile::chain(storage::TileRef tile) const {
+  const TileKey key = tile.key;
+  for (unsigned length = 0; length <= kMaxChain; ++length) {
+    const auto named = SLF_TRY(listed(tile));
+    const Reference* const earlier = earlier_of(tile.key, named);
+    if (!earlier) return length;
+    tile = SLF_TRY(store_.find(earlier->tile));
+  }
+  return fail(ErrorCode::bad_file, place(key), kChained);
 }
 
 Result<std::vector<Reference>> FieldFile::listed(const storage::TileRef& tile) const {
@@ -121,14 +127,16 @@ FoundTiles FieldFile::find(std::span<const TileKey> keys, const Skip& skip, bool
       found.emplace(ref.key, FoundTile{ref, std::move(*named)});
     }
   }
-  if (coder_->uses_states())
-    std::erase_if(found, [&](const auto& tile) {
-      return std::ranges::any_of(tile.second.references, [&](const Reference& reference) {
-        const auto earlier = found.find(reference.tile);
-        return reference.tile.level == tile.first.level && earlier != found.end() &&
-               uses_state(earlier->first, earlier->second.references);
-      });
-    });
+  const auto is_too_long = [&](const auto& tile) {
+    unsigned length = 0;
+    for (auto at = found.find(tile.first); at != found.end() && length <= kMaxChain; ++length) {
+      const Reference* const earlier = earlier_of(at->first, at->second.references);
+      if (!earlier) return false;
+      at = found.find(earlier->tile);
+    }
+    return length > kMaxChain;
+  };
+  if (coder_->uses_states()) std::erase_if(found, is_too_long);
   return found;
 }
 

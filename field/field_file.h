@@ -28,9 +28,9 @@ inline constexpr const char* kManifestBlob = "field";
 inline constexpr const char* kTablesBlob = "tables";
 inline constexpr const char* kLightBlob = "light";
 
-/// What is wrong with a tile that is predicted from that of another state, and that from a third.
-inline constexpr const char* kChained =
-    ": is predicted from a tile of another state, which is predicted from one itself";
+/// Through how many other states a tile can be predicted (doc/decisions/states.md).
+inline constexpr unsigned kMaxChain = 1;
+inline constexpr const char* kChained = ": is predicted through more states than a tile may be";
 
 /// A tile that was found in the file.
 struct FoundTile {
@@ -106,9 +106,10 @@ class FieldFile {
   [[nodiscard]] bool predicts() const { return coder_->predicts(); }
   /// The tiles that a tile is predicted from, as its payload names them: coarser ones and, in a
   /// field of several states, maybe the same tile of an earlier state. bad_file: the field has no
-  /// such tile, or that of the earlier state is predicted from another state itself. So a tile
-  /// depends on at most two tiles of a level in each step.
+  /// such tile, or the chain is too long.
   [[nodiscard]] Result<std::vector<Reference>> references(const storage::TileRef& tile) const;
+  /// Through how many earlier states a tile is predicted. bad_file: more than kMaxChain.
+  [[nodiscard]] Result<unsigned> chain(storage::TileRef tile) const;
   /// Finds tiles and, level by level, all that they are predicted from, except those that `skip`.
   /// If `advise`, asks the kernel to read each level's payloads before it reads the references in
   /// them. For a cold file, that takes as many trips to the disk as there are levels. For a remote

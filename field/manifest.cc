@@ -141,7 +141,30 @@ SampleFormat read_format(Reader& in) {
   return SampleFormat::rgba8;
 }
 
+/// The members of a JSON object that differ from those of another one, as a merge patch.
+OwnedJson difference(const nlohmann::json& from, const nlohmann::json& to) {
+  OwnedJson patch = nlohmann::json::object();
+  for (const auto& [name, value] : to.items()) {
+    const auto old = from.find(name);
+    if (old == from.end())
+      (*patch)[name] = value;
+    else if (*old != value)
+      (*patch)[name] = old->is_object() && value.is_object() ? *difference(*old, value) : value;
+  }
+  for (const auto& [name, value] : from.items())
+    if (!to.contains(name)) (*patch)[name] = nullptr;
+  return patch;
+}
+
 }  // namespace
+
+void Manifest::set_states(std::span<const std::pair<std::string, OwnedJson>> provenances) {
+  provenance = provenances[0].second;
+  states.clear();
+  for (const auto& [name, own] : provenances)
+    if (provenances.size() > 1) states.push_back({name, difference(*provenance, *own)});
+  shape.states = static_cast<unsigned>(provenances.size());
+}
 
 OwnedJson Manifest::to_json() const {
   using nlohmann::json;

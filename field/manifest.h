@@ -3,7 +3,9 @@
 
 #include <cstdint>
 #include <optional>
+#include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "base/owned_json.h"
@@ -36,6 +38,9 @@ struct Manifest {
   [[nodiscard]] bool filtered(unsigned level) const {
     return level < filtered_levels.value_or(shape.levels);
   }
+
+  /// Sets the states, none if there is just one, and the provenance of each.
+  void set_states(std::span<const std::pair<std::string, OwnedJson>> provenances);
 
   [[nodiscard]] OwnedJson to_json() const;
   /// The provenance of a state. REQUIRES: it is 0, or below states.size().

@@ -405,6 +405,13 @@ Result<void> Player::State::draw(const Camera& camera, Image& image, FrameReport
   return {};
 }
 
+void Player::expect(const Camera& camera) {
+  if (!state_->loader) return;
+  const unsigned finest = state_->renderer.tiles().field().shape().levels;
+  state_->loader->plan({}, {camera}, std::min(state_->options.view.level, finest),
+                       state_->cache().now(), false);
+}
+
 void Player::settle() {
   if (state_->loader) state_->loader->settle();
 }

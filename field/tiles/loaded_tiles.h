@@ -35,7 +35,7 @@ struct LoadedTile {
   std::optional<Error> error;
   Stage stage = Stage::absent;
   bool in_place = false;     // the samples are in the map
-  bool uses_state = false;   // it is predicted from this tile of another state
+  unsigned chain = 0;        // through how many other states it is predicted
   std::uint64_t cost = 0;    // bytes that it counts in the budget
   std::uint32_t listed = 0;  // page.used when it last came among the tiles that nothing pins
   std::uint32_t pins = 0;

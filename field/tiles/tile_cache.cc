@@ -293,8 +293,8 @@ Result<void> TileCache::load_samples(LoadedTile& tile, const FoundTiles& found) 
       const Pin& pin = pins.emplace_back(std::move(loaded));
       from.push_back({reference, pin.samples()});
       if (reference.tile.level == tile.key.level) {
-        tile.uses_state = true;
-        if (pin.tile_->uses_state)
+        tile.chain = pin.tile_->chain + 1;
+        if (tile.chain > kMaxChain)
           return fail(ErrorCode::bad_file, field_.place(tile.key), kChained);
       }
       if (pin.state() != storage::TileState::missing) continue;

@@ -24,6 +24,7 @@
 #include "field/write/encode_tile.h"
 #include "field/write/field_writer.h"
 #include "field/write/missing_tiles.h"
+#include "field/write/repack_plan.h"
 #include "field/write/shard_plan.h"
 #include "field/write/tile_tracer.h"
 
@@ -342,6 +343,8 @@ Result<void> write_levels(BuildJob& job, FieldWriter& writer, const std::string&
     end = job.missing.count();
     if (job.reads_own_file) {
       end = job.end_of_part(begin);
+      // While a reader is open, each of many commits would take new pages.
+      if (state_of(job.key(begin)) > 0) job.coarser.set(nullptr);
       SLF_TRY(writer.commit_level());
       job.coarser.set(nullptr);  // it lacks the level or state before
       SLF_TRY(job.follow(writer));
@@ -358,19 +361,14 @@ std::string text_of(const glm::dvec3& v) {
   return text.str();
 }
 
-/// The members of a JSON object that differ from those of another one, as a merge patch.
-OwnedJson difference(const nlohmann::json& from, const nlohmann::json& to) {
-  OwnedJson patch = nlohmann::json::object();
-  for (const auto& [name, value] : to.items()) {
-    const auto old = from.find(name);
-    if (old == from.end())
-      (*patch)[name] = value;
-    else if (*old != value)
-      (*patch)[name] = old->is_object() && value.is_object() ? *difference(*old, value) : value;
-  }
-  for (const auto& [name, value] : from.items())
-    if (!to.contains(name)) (*patch)[name] = nullptr;
-  return patch;
+/// usage: a state has no name, or that of another.
+Result<void> check_names(std::span<const std::pair<std::string, OwnedJson>> states) {
+  std::set<std::string> names;
+  for (std::size_t k = 0; k < states.size() && states.size() > 1; ++k)
+    if (const std::string& name = states[k].first; name.empty() || !names.insert(name).second)
+      return fail(ErrorCode::usage, "state ", k, " has ",
+                  name.empty() ? "no name" : "the name of another: ", name);
+  return {};
 }
 
 /// The provenance of a scene.
@@ -385,7 +383,6 @@ Result<Manifest> plan(std::span<const FieldState> states, const BuildOptions& op
   const Scene& scene = *states[0].scene;
   Manifest manifest;
   manifest.shape = options.shape;
-  manifest.shape.states = static_cast<unsigned>(states.size());
   const bool scene_bounds = manifest.shape.sphere.radius == 0;
   if (scene_bounds) manifest.shape.sphere = scene.bounds();
   const Sphere visible = scene.bounds();
@@ -401,43 +398,44 @@ Result<Manifest> plan(std::span<const FieldState> states, const BuildOptions& op
   manifest.format = sample_format(options.half, options.depth);
   const auto plain = SLF_TRY(codec::make_codec(options.codec, manifest.format));
   manifest.codec = plain->spec();
-  manifest.provenance = SLF_TRY(provenance_of(scene));
-  std::set<std::string> names;
+  std::vector<std::pair<std::string, OwnedJson>> provenances;
   for (const FieldState& state : states) {
-    if (states.size() == 1) break;
-    if (state.name.empty() || !names.insert(state.name).second)
-      return fail(ErrorCode::usage, "state ", manifest.states.size(), " has ",
-                  state.name.empty() ? "no name" : "the name of another: ", state.name);
-    const auto own = SLF_TRY(provenance_of(*state.scene));
-    manifest.states.push_back({state.name, difference(*manifest.provenance, *own)});
+    auto own = SLF_TRY(provenance_of(*state.scene));
+    provenances.emplace_back(state.name, std::move(own));
   }
+  SLF_TRY(check_names(provenances));
+  manifest.set_states(provenances);
   return manifest;
 }
 
-Result<BuildReport> build(std::span<const FieldState> states, const std::string& path,
-                          const BuildOptions& options, const ProgressCallback& progress) {
-  if (states.empty()) return fail(ErrorCode::usage, path, ": no state to build");
-  auto manifest = SLF_TRY(plan(states, options));
-  const Scene& scene = *states[0].scene;  // whose light is kept
-  std::vector<const Scene*> scenes;
-  std::vector<std::string> inputs{options.shard.coarser};
-  for (const FieldState& state : states) {
-    scenes.push_back(state.scene);
-    for (const std::string& file : state.scene->files()) inputs.push_back(file);
+/// What tiles are made of.
+struct TileSource {
+  std::vector<const Scene*> scenes;  ///< of the states; none if tiles are read
+  TileTracer::Read read;
+  std::vector<std::string> inputs;  ///< files that must not be replaced
+
+  [[nodiscard]] TileTracer tracer(const Manifest& manifest) const {
+    return scenes.empty() ? TileTracer(read, manifest) : TileTracer(scenes, manifest);
   }
+};
+
+Result<BuildReport> build(const TileSource& source, Manifest manifest, const std::string& path,
+                          const BuildOptions& options, const ProgressCallback& progress) {
+  std::vector<std::string> inputs = source.inputs;
+  inputs.push_back(options.shard.coarser);
   const auto output =
       SLF_TRY(FieldOutput::at(path, options.replace ? Existing::replace : Existing::keep, inputs));
   const TileOrder order(manifest.shape);
   ShardOptions shard = options.shard;
   const auto coarser = SLF_TRY(open_coarser(manifest, shard));
-  const auto plan = SLF_TRY(plan_shard(TileTracer(scenes, manifest), order, manifest.shape, shard,
+  const auto plan = SLF_TRY(plan_shard(source.tracer(manifest), order, manifest.shape, shard,
                                        predicts(manifest) && !coarser));
   if (plan.part != all_keys(manifest.shape)) manifest.part = plan.part;
-  if (manifest.part && states.size() > 1)
+  if (manifest.part && manifest.shape.states > 1)
     return fail(ErrorCode::unsupported, path, ": a field of several states is not built in parts");
   auto earlier = SLF_TRY(find_earlier_build(output, plan.tiles, manifest));
 
-  const TileTracer tracer(scenes, manifest);
+  const TileTracer tracer = source.tracer(manifest);
   BuildReport report;
   if (earlier) {
     report.resumed = plan.tiles.count() - earlier->missing.count();
@@ -453,10 +451,15 @@ Result<BuildReport> build(std::span<const FieldState> states, const std::string&
                     path + ": interrupted; the same build goes on from here (" + file + ")");
   const GoOn go_on = [&] { return reporter.go_on(); };
   // Light is computed once, and kept in the file from its first commit on.
-  const bool has_light = earlier && scene.set_light(earlier->light);
-  if (!has_light && coarser) scene.set_light(light_of(*coarser));
-  for (const Scene* each : scenes) SLF_TRY(each->prepare());
-  const Bytes light = has_light ? Bytes() : scene.light();
+  bool has_light = source.scenes.empty();
+  Bytes light;
+  if (!has_light) {
+    const Scene& first = *source.scenes[0];
+    has_light = earlier && first.set_light(earlier->light);
+    if (!has_light && coarser) first.set_light(light_of(*coarser));
+    for (const Scene* scene : source.scenes) SLF_TRY(scene->prepare());
+    if (!has_light) light = first.light();
+  }
   const auto codec = SLF_TRY(earlier   ? Result<CodecPointer>(std::move(earlier->codec))
                              : coarser ? codec_of(*coarser)
                                        : train_codec(tracer, manifest, go_on));
@@ -495,11 +498,83 @@ Result<BuildReport> build_field(const Scene& scene, const std::string& path,
 Result<BuildReport> build_field(std::span<const FieldState> states, const std::string& path,
                                 const BuildOptions& options, const ProgressCallback& progress) {
   try {
-    return build(states, path, options, progress);
+    if (states.empty()) return fail(ErrorCode::usage, path, ": no state to build");
+    auto manifest = SLF_TRY(plan(states, options));
+    TileSource source;
+    for (const FieldState& state : states) {
+      source.scenes.push_back(state.scene);
+      for (const std::string& file : state.scene->files()) source.inputs.push_back(file);
+    }
+    return build(source, std::move(manifest), path, options, progress);
   } catch (...) {  // from the scene, or std::bad_alloc
     const Error error = error_of_exception();
     return fail(error.code, path, ": ", error.message);
   }
+}
+
+namespace {
+
+/// What two fields must have in common to be states of one.
+OwnedJson rays_of(const FieldFile& field) {
+  Manifest manifest = field.manifest();
+  manifest.states.clear();
+  manifest.provenance = nlohmann::json::object();
+  manifest.codec.clear();
+  manifest.part.reset();
+  return manifest.to_json();
+}
+
+Result<RepackReport> join(std::span<const StateSource> states, const std::string& path,
+                          const RepackOptions& options, const ProgressCallback& progress) {
+  if (states.empty()) return fail(ErrorCode::usage, path, ": no state to copy");
+  TileSource source;
+  std::vector<std::unique_ptr<TileCache>> caches;
+  std::vector<std::pair<std::string, OwnedJson>> provenances;
+  for (const StateSource& state : states) {
+    const FieldFile& field = state.field.file();
+    const FieldFile& first = states[0].field.file();
+    if (rays_of(field) != rays_of(first))
+      return fail(ErrorCode::usage, field.path(), ": has another sphere, lattice or format than ",
+                  first.path());
+    caches.push_back(std::make_unique<TileCache>(
+        field, options.memory / 3 / std::min<std::size_t>(8, states.size())));
+    source.inputs.push_back(field.path());
+    provenances.emplace_back(state.name, field.manifest().provenance_of(field.state()));
+  }
+  SLF_TRY(check_names(provenances));
+  const auto planned = SLF_TRY(plan_repack(*caches[0], options));
+  const FieldFile& first = states[0].field.file();
+  Manifest manifest = first.manifest();
+  manifest.shape = planned.shape;
+  manifest.format = planned.format;
+  manifest.codec = planned.codec->spec();
+  manifest.filtered_levels = first.manifest().filtered_levels.value_or(first.shape().levels);
+  manifest.set_states(provenances);
+  source.read = [&](TileKey key, TracedTile& tile) -> Result<void> {
+    TileCache& cache = *caches[state_of(key)];
+    const TileKey own = in_state(key, 0);
+    tile.key = key;
+    const auto found = SLF_TRY(cache.field().store().find(own));
+    if (found.state == TileState::missing)
+      return fail(ErrorCode::tile_missing, cache.field().place(own), " is missing; build it first");
+    tile.empty = found.state == TileState::empty;
+    return tile.empty ? Result<void>() : convert_samples(cache, planned, own, tile.samples);
+  };
+  BuildOptions build_options;
+  build_options.threads = options.threads;
+  build_options.replace = options.replace;
+  const auto built = SLF_TRY(build(source, std::move(manifest), path, build_options, progress));
+  const auto written = SLF_TRY(FieldFile::whole(path));
+  const auto content = SLF_TRY(written->content());
+  return RepackReport{built.tiles + built.resumed, 0, built.tiles, 0, content.payload_bytes,
+                      content.file_bytes};
+}
+
+}  // namespace
+
+Result<RepackReport> join_states(std::span<const StateSource> states, const std::string& path,
+                                 const RepackOptions& options, const ProgressCallback& progress) {
+  return guarded([&] { return join(states, path, options, progress); });
 }
 
 }  // namespace slf

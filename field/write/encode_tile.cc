@@ -13,7 +13,7 @@ namespace {
 constexpr std::uint64_t kSearchedStates = 64;
 
 /// The tiles of earlier states that a tile may be predicted from: the latest one that is stored and
-/// not predicted from another state itself, and that of the first state.
+/// at the end of no full chain, and that of the first state.
 Result<std::vector<TileKey>> earlier_tiles(const FieldFile& field, TileKey key) {
   std::vector<TileKey> found;
   if (!field.coder().uses_states()) return found;
@@ -22,9 +22,10 @@ Result<std::vector<TileKey>> earlier_tiles(const FieldFile& field, TileKey key) 
     const auto tile = SLF_TRY(field.store().find(in_state(key, earlier)));
     if (tile.state != TileState::stored) return false;
     SLF_TRY(field.store().check(tile));
-    const auto references = SLF_TRY(field.references(tile));
-    for (const Reference& reference : references)
-      if (reference.tile.level == key.level) return false;
+    auto own = tile;
+    own.key = tile.source;
+    const unsigned chain = SLF_TRY(field.chain(own));
+    if (chain >= kMaxChain) return false;
     if (found.empty() || found.back() != tile.source) found.push_back(tile.source);
     return true;
   };

@@ -1,6 +1,7 @@
 #include "slf/repack.h"
 
 #include <algorithm>
+#include <array>
 #include <filesystem>
 #include <optional>
 
@@ -158,6 +159,8 @@ Result<RepackReport> repack(const Field& handle, const std::string& path,
   TileCache tiles(field, options.memory / 12);
   const auto plan = SLF_TRY(plan_repack(tiles, options));
   Manifest manifest = field.manifest();
+  manifest.set_states(
+      std::array{std::pair{std::string(), field.manifest().provenance_of(field.state())}});
   manifest.shape = plan.shape;
   manifest.format = plan.format;
   manifest.codec = plan.codec->spec();

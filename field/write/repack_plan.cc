@@ -55,8 +55,6 @@ Result<std::unique_ptr<codec::Codec>> train(TileCache& cache, const RepackPlan& 
 }
 
 Result<FieldShape> plan_shape(const FieldFile& field, const RepackOptions& options) {
-  if (!field.manifest().states.empty())
-    return fail(ErrorCode::unsupported, field.path(), kSeveralStates);
   FieldShape shape = field.shape();
   if (options.levels && *options.levels > shape.levels)
     return fail(ErrorCode::usage, field.path(), ": has levels 0 to ", shape.levels, ", not ",
@@ -87,7 +85,9 @@ Result<RepackPlan> plan_repack(TileCache& tiles, const RepackOptions& options) {
   }
   if (!plain) return tl::unexpected(plain.error());
   // Tiles may be predicted from those of other subfields.
-  const bool whole = !field.predicts() || plan.shape.subfields == field.shape().subfields;
+  // or of other states.
+  const bool whole = !field.predicts() || (plan.shape.subfields == field.shape().subfields &&
+                                           field.manifest().states.empty());
   plan.copy = plan.format == field.format() && (*plain)->spec() == now.spec() && whole;
   plan.codec = SLF_TRY(plan.copy ? codec::make_codec(now.spec(), plan.format, now.tables())
                                  : train(tiles, plan, codec));

@@ -157,6 +157,7 @@ std::uint64_t TileTracer::rays(unsigned level) const {
 }
 
 Result<void> TileTracer::trace(TileKey key, TracedTile& tile) const {
+  if (read_) return read_(key, tile);
   auto ok = guarded([&] { trace_rays(key, tile); });
   if (!ok)
     return fail(ok.error().code, "tile ", int{key.level}, "/", key.index, ": ", ok.error().message);

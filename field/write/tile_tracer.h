@@ -6,6 +6,7 @@
 #pragma once
 
 #include <array>
+#include <functional>
 #include <memory>
 #include <span>
 #include <vector>
@@ -31,6 +32,12 @@ class TileTracer {
   TileTracer(std::span<const Scene* const> scenes, const Manifest& manifest);
   TileTracer(const Scene& scene, const Manifest& manifest)
       : TileTracer(std::array{&scene}, manifest) {}
+  /// Does not trace, but reads tiles with `read`.
+  using Read = std::function<Result<void>(TileKey, TracedTile&)>;
+  TileTracer(Read read, const Manifest& manifest)
+      : TileTracer(std::span<const Scene* const>(), manifest) {
+    read_ = std::move(read);
+  }
 
   /// Samples a tile. failed: the scene threw an exception. out_of_memory. Messages name the tile.
   [[nodiscard]] Result<void> trace(TileKey key, TracedTile& tile) const;
@@ -49,6 +56,7 @@ class TileTracer {
   }
 
   std::vector<const Scene*> scenes_;
+  Read read_;
   FieldShape shape_;
   std::vector<bool> filtered_;  // per level
   SampleFormat format_;

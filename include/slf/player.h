@@ -89,6 +89,10 @@ class Player {
   [[nodiscard]] Result<void> draw(const Camera& camera, Image& image,
                                   FrameReport* report = nullptr);
 
+  /// Loads, on the loading thread, what a frame from there will need. Replaces the views that the
+  /// last frame let expect. Between frames of draw().
+  void expect(const Camera& camera);
+
   /// Waits until the loading thread is idle.
   void settle();
 

@@ -7,6 +7,7 @@
 
 #include <cstdint>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -38,8 +39,9 @@ struct RepackReport {
   std::uint64_t file_bytes = 0;
 };
 
-/// Writes the field to `path`, which must not exist unless `replace` is set. Progress counts tiles.
-/// The bytes depend on the input and the options only, never on the threads.
+/// Writes the field, in the state that it shows, to `path`, which must not exist unless `replace`
+/// is set. Progress counts tiles. The bytes depend on the input and the options only, never on the
+/// threads.
 ///
 /// If codec and format stay the same, payloads are copied byte for byte, so JPEG to JPEG at the
 /// same quality loses nothing. Lossless to lossless is bit-exact. Colour outside of [0, alpha] is
@@ -57,6 +59,22 @@ struct RepackReport {
 [[nodiscard]] Result<RepackReport> repack_field(const Field& field, const std::string& path,
                                                 const RepackOptions& options,
                                                 const ProgressCallback& progress = {});
+
+/// A state for a field of several, and the field that shows it (Field::in_state()).
+struct StateSource {
+  std::string name;
+  Field field;
+};
+
+/// Writes a field of some states, of one or several fields with one sphere, lattice and format.
+/// Tiles whose decoded samples are equal are stored once. All are encoded again, as by
+/// repack_field(). The draft at PATH.unfinished is resumed as a build is. Options and errors are
+/// those of repack_field(). usage: fields that do not fit together; a state without a name, or with
+/// that of another. tile_missing: a field is not complete.
+[[nodiscard]] Result<RepackReport> join_states(std::span<const StateSource> states,
+                                               const std::string& path,
+                                               const RepackOptions& options,
+                                               const ProgressCallback& progress = {});
 
 /// The size that a repack would have.
 struct RepackEstimate {

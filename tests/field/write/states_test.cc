@@ -5,6 +5,7 @@
 
 #include "field/field_file.h"
 #include "slf/build.h"
+#include "slf/inspect.h"
 #include "slf/render.h"
 #include "slf/repack.h"
 #include "slf/verify.h"
@@ -122,6 +123,7 @@ TEST_P(States, TilesArePredictedFromThoseOfOtherStates) {
     for (const Reference& reference : *references)
       if (reference.tile.level == tile.key.level) {
         ++predicted[state_of(tile.key)];
+        EXPECT_LE((*field)->chain(tile).value_or(99), kMaxChain);
         EXPECT_LT(state_of(reference.tile), state_of(tile.key));
         EXPECT_EQ(in_state(reference.tile, 0), in_state(tile.key, 0));
       } else {
@@ -238,12 +240,50 @@ TEST_P(States, ALostTileIsMissingInAllStatesThatShareIt) {
   EXPECT_EQ(verify_field(file, {})->found, 0u);
 }
 
+TEST_P(States, AreCopiedTogetherAndAlone) {
+  const auto all = Field::open(build_all());
+  ASSERT_TRUE(all);
+  const auto lossless = std::string_view(GetParam()) != "predictive:80";
+  const auto same_samples = [&](const Field& a, const Field& b) {
+    DiffOptions options;
+    const auto difference = diff_fields(a, b, options);
+    ASSERT_TRUE(difference) << difference.error().message;
+    for (const ChannelDifference& channel : difference->channels)
+      EXPECT_TRUE(lossless ? channel.differing == 0 : channel.worst_psnr > 20)
+          << channel.worst_psnr;
+  };
+  // One state is a field without states, several of them are one with their names.
+  const auto deep = all->in_state(2);
+  ASSERT_TRUE(repack_field(*deep, path("deep.slf"), {}));
+  const auto alone = Field::open(path("deep.slf"));
+  ASSERT_TRUE(alone);
+  EXPECT_EQ(alone->states().size(), 0u);
+  EXPECT_EQ(alone->provenance(), deep->provenance());
+  same_samples(*deep, *alone);
+  const std::vector<StateSource> chosen{
+      {"deep", *deep}, {"red", *all->in_state(4)}, {"deep again", *alone}};
+  const auto joined = join_states(chosen, path("some.slf"), {});
+  ASSERT_TRUE(joined) << joined.error().message;
+  const auto some = Field::open(path("some.slf"));
+  ASSERT_TRUE(some);
+  EXPECT_EQ(some->states(), (std::vector<std::string>{"deep", "red", "deep again"}));
+  for (unsigned s = 0; s < 3; ++s) {
+    same_samples(*some->in_state(s), chosen[s].field);
+    EXPECT_EQ(some->in_state(s)->provenance(), chosen[s].field.provenance());
+  }
+  EXPECT_TRUE(!lossless || some->in_state(2)->content()->payload_bytes == 0);
+  EXPECT_EQ(verify_field(path("some.slf"), {})->found, 0u);
+  BuildOptions other = options();
+  other.shape.exit_side = 2;
+  ASSERT_TRUE(build_field(whole_, path("other.slf"), other));
+  const std::vector<StateSource> unlike{{"deep", *deep},
+                                        {"other", *Field::open(path("other.slf"))}};
+  EXPECT_EQ(join_states(unlike, path("no.slf"), {}).error().code, ErrorCode::usage);
+}
+
 TEST_P(States, WhatCannotCopyThemSaysSo) {
   const auto field = Field::open(build_all());
   ASSERT_TRUE(field);
-  const auto repacked = repack_field(*field, path("r.slf"), {});
-  ASSERT_FALSE(repacked);
-  EXPECT_EQ(repacked.error().code, ErrorCode::unsupported);
   BuildOptions shard = options();
   shard.shard = {1, 2, {}, {}, {}};
   EXPECT_EQ(build_field(states_, path("p.slf"), shard).error().code, ErrorCode::unsupported);
