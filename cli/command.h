@@ -337,11 +337,17 @@ struct DrawArguments {
   std::uint64_t memory = 256ull << 20;
   std::optional<std::uint64_t> map_budget;  // none: no limit
   unsigned threads = 0;
+  std::vector<std::string> structures;
 
   /// Adds all options but --mode and --level.
   void add_resources_to(CLI::App& command);
   void add_to(CLI::App& command);
+  void add_structures_to(CLI::App& command);
   [[nodiscard]] RendererOptions renderer() const;
+  /// The files that are drawn from.
+  [[nodiscard]] std::vector<std::string> inputs(const std::string& field) const;
+  /// The field, composed of the structures that are given, if any.
+  [[nodiscard]] Result<Field> open(const std::string& path) const;
   /// Resolves --level auto for `camera`. Without a camera it stays kMatchingLevel.
   [[nodiscard]] Result<ViewOptions> view(const Field& field,
                                          std::optional<Camera> camera = {}) const;

@@ -44,7 +44,8 @@ class FrameFiles {
  public:
   static Result<FrameFiles> make(const PlayArguments& a) {
     FrameFiles pictures;
-    pictures.inputs_ = {a.field, a.path};
+    pictures.inputs_ = a.draw.inputs(a.field);
+    pictures.inputs_.push_back(a.path);
     if (!a.preview.empty()) {
       SLF_TRY(refuse_overwrite(a.preview, a.force, pictures.inputs_));
       pictures.animation_.emplace(a.preview, 1 / a.fps);
@@ -95,7 +96,7 @@ bool wait_until(Clock::time_point due) {
 /// goes on.
 Result<PlayResult> play(const PlayArguments& a, const PlayOptions& options, FrameFiles* pictures) {
   if (a.cold && !is_address(a.field)) SLF_TRY(drop_page_cache(a.field));
-  const auto field = SLF_TRY(open_field(a.field));
+  const auto field = SLF_TRY(a.draw.open(a.field));
   const auto path = SLF_TRY(a.camera_path(field.shape().sphere));
   const auto view = SLF_TRY(a.draw.view(field));
   PlayOptions play_options = options;

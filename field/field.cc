@@ -192,4 +192,59 @@ Result<FieldContent> Field::content() const {
   return guarded([&] { return file_->content(); });
 }
 
+std::vector<const FieldFile*> files_of(const Field& field) {
+  if (!field.structures()) return {&field.file()};
+  std::vector<const FieldFile*> files;
+  for (const Structure& one : *field.structures()) files.push_back(&one.field.file());
+  return files;
+}
+
+namespace {
+
+/// usage: the structure cannot be drawn in place of the field.
+Result<void> check_structure(const Structure& structure, const Field& field) {
+  const Field& one = structure.field;
+  const auto refuse = [&](const auto&... why) -> Result<void> {
+    return fail(ErrorCode::usage, one.path(), ": ", why...);
+  };
+  for (const float share :
+       {structure.opacity, structure.tint[0], structure.tint[1], structure.tint[2]})
+    if (!(share >= 0 && share <= 1))
+      return refuse("opacity or tint ", share, ": expected 0 to 1");
+  if (one.structures()) return refuse("is composed itself");
+  if (!one.has_depth()) return refuse("has no depth, by which structures are composed");
+  const auto differs = [&](const char* what, const auto& its, const auto& other) {
+    return refuse("has ", what, " ", its, ", but ", field.path(), " has ", other,
+                  "; structures need equal ones");
+  };
+  const FieldShape &a = one.shape(), &b = field.shape();
+  for (int axis = 0; axis < 3; ++axis)
+    if (a.sphere.center[axis] != b.sphere.center[axis])
+      return differs("a sphere around", a.sphere.center[axis], b.sphere.center[axis]);
+  if (a.sphere.radius != b.sphere.radius)
+    return differs("a sphere of radius", a.sphere.radius, b.sphere.radius);
+  if (a.entry_side != b.entry_side) return differs("entry cells", a.entry_side, b.entry_side);
+  if (a.exit_side != b.exit_side) return differs("exit cells", a.exit_side, b.exit_side);
+  if (a.levels != b.levels) return differs("finest level", a.levels, b.levels);
+  if (a.entry_extra_levels != b.entry_extra_levels)
+    return differs("entry depth", a.entry_extra_levels, b.entry_extra_levels);
+  if (one.format() != field.format())
+    return differs("samples", name(one.format()), name(field.format()));
+  if (one.linear() != field.linear())
+    return refuse(one.linear() ? "has" : "has no", " linear radiance, unlike ", field.path());
+  return {};
+}
+
+}  // namespace
+
+Result<Field> compose(const Field& field, std::vector<Structure> structures) {
+  return guarded([&]() -> Result<Field> {
+    for (const Structure& one : structures) SLF_TRY(check_structure(one, field));
+    std::erase_if(structures, [](const Structure& one) { return one.opacity == 0; });
+    Field composed(field.file_);
+    composed.structures_ = std::make_shared<const std::vector<Structure>>(std::move(structures));
+    return composed;
+  });
+}
+
 }  // namespace slf

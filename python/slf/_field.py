@@ -9,24 +9,25 @@ import os
 import warnings
 import weakref
 from types import TracebackType
-from typing import (Any, Callable, Iterator, List, Optional, Sequence, Tuple, Type, Union, Unpack,
+from typing import (Any, Callable, Iterator, List, Mapping, Optional, Sequence, Tuple, Type, Union, Unpack,
                     overload)
 
 import numpy as np
 
 from . import _slf
-from ._errors import UsageError
+from ._errors import UnsupportedError, UsageError
 from ._notebook import View, bundle
 from ._progress import Progress, reporter
 from ._source import SourceSettings, scene_of
-from ._types import (BuildReport, Camera, Content, Difference, Evaluation, Frame, Measurement,
-                     MergeReport, Orbit, PickedPoint, Picture, RepackReport, Shape, Sphere, Tile,
+from ._types import (BuildReport, Camera, Content, Difference, Evaluation, Frame, Look,
+                     Measurement, MergeReport, Orbit, PickedPoint, Picture, RepackReport, Shape, Sphere, Tile,
                      Tone, VerifyReport, finite, orbit)
 
 Path = Union[str, "os.PathLike[str]"]
 AnyCamera = Union[Orbit, Camera]
 Size = Tuple[int, int]
 LevelName = Union[int, str]
+Structures = Mapping[Union["Field", Path], Union[float, Look]]
 
 _DEFAULT_MEMORY = 256 << 20
 _THUMBNAIL_MEMORY = 16 << 20
@@ -77,7 +78,8 @@ class Field:
     def __init__(self, path: Path, *, memory: int = _DEFAULT_MEMORY, threads: int = 0,
                  progress: Progress = None) -> None:
         self._open: Optional[_slf.Field] = None
-        self._opened_with = (path, memory, threads)
+        self._made_by: Tuple[Any, ...] = (_reopened, (path, memory, threads))
+        self._composed: Optional[Tuple[Any, Field]] = None
         self._server: Optional[_slf.Server] = None
         with reporter(progress, "fetch") as report:
             self._open = _slf.Field(path_text(path), memory, threads, report)
@@ -95,7 +97,7 @@ class Field:
 
     def close(self) -> None:
         """Closes the file. A second call does nothing."""
-        self._open = None
+        self._open = self._composed = None
         if self._server is not None:
             self._server.close()
             self._server = None
@@ -114,7 +116,7 @@ class Field:
 
     def __reduce__(self) -> Any:
         """Pickled by path: where it is unpickled, the file is opened again."""
-        return _reopened, self._opened_with
+        return self._made_by
 
     def __repr__(self) -> str:
         if self._open is None:
@@ -194,19 +196,19 @@ class Field:
     @overload
     def render(self, camera: AnyCamera = ..., size: Size = ..., mode: Optional[str] = ...,
                level: LevelName = ..., *, dtype: Any = ...,
-               background: Optional[Sequence[float]] = ...,
-               tone: Optional[Tone] = ...) -> np.ndarray: ...
+               background: Optional[Sequence[float]] = ..., tone: Optional[Tone] = ...,
+               structures: Optional[Structures] = ...) -> np.ndarray: ...
 
     @overload
     def render(self, camera: AnyCamera = ..., size: Size = ..., mode: Optional[str] = ...,
                level: LevelName = ..., *, depth: bool, dtype: Any = ...,
-               background: Optional[Sequence[float]] = ...,
-               tone: Optional[Tone] = ...) -> Any: ...
+               background: Optional[Sequence[float]] = ..., tone: Optional[Tone] = ...,
+               structures: Optional[Structures] = ...) -> Any: ...
 
     def render(self, camera: AnyCamera = orbit(), size: Size = (512, 512),
                mode: Optional[str] = None, level: LevelName = "finest", *, depth: bool = False,
                dtype: Any = np.float32, background: Optional[Sequence[float]] = None,
-               tone: Optional[Tone] = None) -> Any:
+               tone: Optional[Tone] = None, structures: Optional[Structures] = None) -> Any:
         """Draws a view: an array [height, width, 4] of RGBA, premultiplied by alpha.
 
         camera: slf.orbit() or slf.Camera.
@@ -219,15 +221,43 @@ class Field:
         background: an RGB colour, each 0 to 1, to composite over; alpha is then 1.
         tone: how to show linear radiance; default: as it is for float32 without a background,
             else Tone().
+        structures: what to draw together instead of this field, as for compose(). The last ones
+            stay open.
 
         Raises slf.UsageError for an invalid camera, level or mode, slf.BadFileError for a damaged
         tile.
         """
+        if structures is not None:
+            if self._composed is None or self._composed[0] != structures:
+                self._composed = dict(structures), self.compose(structures)
+            return self._composed[1].render(camera, size, mode, level, depth=depth, dtype=dtype,
+                                            background=background, tone=tone)
         display = check_dtype(dtype) == np.uint8 or background is not None
         colors, distance = self._field.render(camera_tuple(self.sphere, camera, size), mode,
                                               self._level(level), depth, tone, display)
         picture = finished_picture(colors, dtype, background)
         return Picture(picture, distance) if depth else picture
+
+    def compose(self, structures: Structures) -> Field:
+        """The field that shows structures together, in place of what this one shows: along each
+        stored ray, the nearest over those behind it.
+
+        structures: fields, or paths, on this field's sphere, and an opacity, 0 to 1, or a Look of
+            each. Those of opacity 0 are not read. At one depth, the first ones are in front.
+
+        It is drawn, played, measured and evaluated as others are, but not shown in a page.
+        Raises slf.UsageError for structures without depth, or on another sphere or lattice, or with
+        another kind of colours.
+        """
+        looks = [(key, look if isinstance(look, Look) else Look(look))
+                 for key, look in structures.items()]
+        layers = [((key if isinstance(key, Field) else Field(key))._field, *look)
+                  for key, look in looks if look.opacity != 0]
+        composed = object.__new__(Field)
+        composed.__dict__.update(self.__dict__, _open=self._field.compose(layers), _server=None,
+                                 _composed=None,
+                                 _made_by=(Field.compose, (self, dict(structures))))
+        return composed
 
     def pick(self, x: float, y: float, camera: AnyCamera = orbit(),
              size: Size = (512, 512)) -> Optional[PickedPoint]:
@@ -337,6 +367,8 @@ class Field:
 
         Raises slf.UnsupportedError: slf was built without the page. slf.UsageError: `page` exists.
         """
+        if self._made_by[0] == Field.compose:
+            raise UnsupportedError(f"{self.path}: a page shows a file, not what is composed of it")
         if page is not None:
             export(self, page, force=force)
             return View(path_text(page))

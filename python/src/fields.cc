@@ -48,6 +48,18 @@ py::object content(const OpenField& open) {
                      content.payload_bytes);
 }
 
+/// A structure: an open field, its opacity and its tint.
+using StructureTuple = std::tuple<const OpenField*, float, std::array<float, 3>>;
+
+std::unique_ptr<OpenField> compose(const OpenField& open,
+                                   const std::vector<StructureTuple>& structures) {
+  std::vector<Structure> layers;
+  for (const auto& [field, opacity, tint] : structures)
+    layers.push_back({field->field(), opacity, tint});
+  return std::make_unique<OpenField>(value_of(slf::compose(open.field(), std::move(layers))),
+                                     open.options());
+}
+
 ViewOptions view_of(const Field& field, const std::optional<std::string>& mode,
                     std::optional<unsigned> level, bool with_depth) {
   ViewOptions view;
@@ -269,6 +281,7 @@ void bind_fields(py::module_& module) {
       .def_property_readonly("file_bytes",
                              [](const OpenField& f) { return f.field().file_bytes(); })
       .def("content", content)
+      .def("compose", compose, py::arg("structures"))
       .def("render", render, py::arg("camera"), py::arg("mode"), py::arg("level"), py::arg("depth"),
            py::arg("tone"), py::arg("display"), py::arg("memory") = py::none())
       .def("pick", pick, py::arg("camera"), py::arg("x"), py::arg("y"))
