@@ -23,7 +23,7 @@ struct Ball {
   glm::vec3 color;
 };
 
-const Ball kLeft{{-0.3, 0, 0.1}, 0.3, {1, 0.5, 0}}, kRight{{0.25, 0.1, 0}, 0.4, {0, 0.25, 1}};
+const Ball kLeft{{-0.35, 0, 0.1}, 0.3, {1, 0.5, 0}}, kRight{{0.4, 0.1, 0}, 0.4, {0, 0.25, 1}};
 
 /// The nearest of opaque balls.
 FunctionScene balls(std::vector<Ball> all) {
