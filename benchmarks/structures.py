@@ -54,17 +54,20 @@ class Bench:
 
     def run(self, *arguments):
         done = subprocess.run([self.slf, "-q", *map(str, arguments)], check=True,
-                              capture_output=True, text=True)
+                              stdout=subprocess.PIPE, text=True)
         return json.loads(done.stdout) if done.stdout.startswith("{") else done.stdout
 
     def source(self, names):
         """The options that read the volume with these structures alone."""
-        table = self.folder / f"{'+'.join(names).replace(' ', '_')}.json"
-        shown = {i: (name, STRUCTURES[name][1]) for name in names for i in STRUCTURES[name][0]}
-        labels = [{"id": i, "name": shown[i][0], "color": shown[i][1]} if i in shown else
-                  {"id": i, "opacity": 0} for i in self.ids]
-        table.write_text(json.dumps({"labels": labels}))
-        return ["--labels", "--labels-volume", self.volume, "--label-table", table]
+        path = self.folder / f"{'+'.join(names).replace(' ', '_')}.json"
+        shown = {i: STRUCTURES[name][1] for name in names for i in STRUCTURES[name][0]}
+        function = {"Name": "structures", "ColorSpace": "Step", "RGBPoints": [], "Points": [],
+                    "ScalarOpacityUnitDistance": 1}
+        for i in self.ids:
+            function["RGBPoints"] += [i, *shown.get(i, (0, 0, 0))]
+            function["Points"] += [i, 1 if i in shown else 0, 0.5, 0]
+        path.write_text(json.dumps([function]))
+        return ["--labels", "--transfer", path]
 
     def build(self, names):
         path = self.folder / f"{'+'.join(names).replace(' ', '_')}.slf"

@@ -30,10 +30,14 @@ bool parse_look(std::string_view text, Given& given) {
   return true;
 }
 
-Given parse_structure(std::string_view text) {
+Result<Given> parse_structure(std::string_view text) {
   Given given;
-  for (std::size_t at; (at = text.rfind(':')) != text.npos; text = text.substr(0, at))
-    if (!parse_look(text.substr(at + 1), given)) break;
+  for (std::size_t at; (at = text.rfind(':')) != text.npos; text = text.substr(0, at)) {
+    if (parse_look(text.substr(at + 1), given)) continue;
+    if (text.substr(at + 1, 1) != "#") break;  // the colon is part of the name
+    return fail(ErrorCode::usage, "--structure: ", text.substr(at + 1),
+                ": expected a colour as #RRGGBB");
+  }
   given.name = text;
   return given;
 }
@@ -53,7 +57,8 @@ void DrawArguments::add_structures_to(CLI::App& command) {
 
 std::vector<std::string> DrawArguments::inputs(const std::string& field) const {
   std::vector<std::string> files{field};
-  for (const std::string& text : structures) files.push_back(parse_structure(text).name);
+  for (const std::string& text : structures)
+    if (auto given = parse_structure(text)) files.push_back(std::move(given->name));
   return files;
 }
 
@@ -62,7 +67,7 @@ Result<Field> DrawArguments::open(const std::string& path) const {
   if (structures.empty()) return field;
   std::vector<Structure> drawn;
   for (const std::string& text : structures) {
-    const Given given = parse_structure(text);
+    const auto given = SLF_TRY(parse_structure(text));
     if (given.opacity == 0) continue;  // a hidden one need not even exist
     const auto one = SLF_TRY(given.name == path ? Result<Field>(field) : open_field(given.name));
     drawn.push_back({one, given.opacity, given.tint});

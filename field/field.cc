@@ -209,8 +209,7 @@ Result<void> check_structure(const Structure& structure, const Field& field) {
   };
   for (const float share :
        {structure.opacity, structure.tint[0], structure.tint[1], structure.tint[2]})
-    if (!(share >= 0 && share <= 1))
-      return refuse("opacity or tint ", share, ": expected 0 to 1");
+    if (!(share >= 0 && share <= 1)) return refuse("opacity or tint ", share, ": expected 0 to 1");
   if (one.structures()) return refuse("is composed itself");
   if (!one.has_depth()) return refuse("has no depth, by which structures are composed");
   const auto differs = [&](const char* what, const auto& its, const auto& other) {

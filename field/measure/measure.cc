@@ -77,7 +77,9 @@ std::vector<const FieldFile*> distinct_files(const Field& field) {
   return files;
 }
 
-std::uint64_t pages_of(const FieldFile& field) { return (field.store().file_bytes() + 4095) / 4096; }
+std::uint64_t pages_of(const FieldFile& field) {
+  return (field.store().file_bytes() + 4095) / 4096;
+}
 
 /// The kernel's counts of a field's pages. Those of several files follow each other.
 class PageCacheCounter {

@@ -324,8 +324,9 @@ Result<void> Renderer::draw(const Camera& camera, const ViewOptions& requested, 
   const BlockOrder blocks(camera.width, camera.height);
   Reporter reporter(progress, {0, blocks.count(), 0},
                     field.path() + ": stopped while a view was drawn");
-  const bool remote = std::ranges::any_of(
-      files_of(state_->tiles.field()), [](const FieldFile* file) { return file->store().is_remote(); });
+  const bool remote =
+      std::ranges::any_of(files_of(state_->tiles.field()),
+                          [](const FieldFile* file) { return file->store().is_remote(); });
   if (remote && options.wait) {
     ViewStatistics found;
     SLF_TRY(fetch(camera, options, image, found, reporter));

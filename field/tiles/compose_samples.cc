@@ -53,9 +53,8 @@ void compose(std::span<const TileLayer> layers, std::span<std::byte> samples) {
       place += seen.a * fragments[k].depth;
     }
     store_color<kHalf>(sum, &samples[kColor * s]);
-    samples[kColor * count + s] =
-        sum.a > 0 ? static_cast<std::byte>(place / sum.a + 0.5f)
-                  : layers.front().samples[kColor * count + s];
+    samples[kColor * count + s] = sum.a > 0 ? static_cast<std::byte>(place / sum.a + 0.5f)
+                                            : layers.front().samples[kColor * count + s];
   }
 }
 

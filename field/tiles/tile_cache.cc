@@ -43,10 +43,10 @@ TileCache::TileCache(const FieldFile& field, std::uint64_t budget, std::uint64_t
       map_(map_budget) {
   if (structures)
     for (const Structure& one : *structures)
-      parts_.push_back({std::make_unique<TileCache>(
-                            one.field.file(), (budget - budget_) / structures->size(),
-                            map_budget / structures->size(), in_place),
-                        factor_of(one, one.field.linear())});
+      parts_.push_back(
+          {std::make_unique<TileCache>(one.field.file(), (budget - budget_) / structures->size(),
+                                       map_budget / structures->size(), in_place),
+           factor_of(one, one.field.linear())});
   const FieldShape& shape = field.shape();
   const std::uint64_t bytes = field.store().file_bytes();
   const auto fits = [&](std::uint64_t needed, std::uint64_t times) {

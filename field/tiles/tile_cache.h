@@ -87,8 +87,8 @@ class TileCache {
 
   /// The field must outlive this. `budget` bytes of decoded samples, `map_budget` resident bytes of
   /// the map; pinned tiles of an in-place codec can exceed the latter. Unless `in_place`, tiles of
-  /// in-place codecs are copied out of the map too. `structures`: null unless the field is composed;
-  /// they share the budgets.
+  /// in-place codecs are copied out of the map too. `structures`: null unless the field is
+  /// composed; they share the budgets.
   TileCache(const FieldFile& field, std::uint64_t budget, std::uint64_t map_budget = kUnlimited,
             bool in_place = true, const std::vector<Structure>* structures = nullptr);
   ~TileCache();

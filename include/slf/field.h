@@ -93,7 +93,7 @@ class Field {
 /// A field that is drawn together with others.
 struct Structure {
   Field field;
-  float opacity = 1;          ///< 0 to 1, of all that it shows; 0: hidden, nothing of it is read
+  float opacity = 1;  ///< 0 to 1, of all that it shows; 0: hidden, nothing of it is read
   std::array<float, 3> tint{1, 1, 1};  ///< sRGB, 0 to 1: its colours are multiplied by this
 };
 

@@ -13,9 +13,9 @@
 namespace slf {
 namespace {
 
-using ::testing::HasSubstr;
 using testing::draw;
 using testing::FunctionScene;
+using ::testing::HasSubstr;
 
 struct Ball {
   glm::dvec3 center;
@@ -181,14 +181,18 @@ TEST_F(Compose, RefusesWhatDoesNotFit) {
   EXPECT_THAT(refused({*left_, nan}), HasSubstr("expected 0 to 1"));
   EXPECT_THAT(refused({*left_, 0, {0, -1, 0}}), HasSubstr("opacity or tint -1"));
   EXPECT_THAT(refused({composed({})}), HasSubstr("is composed itself"));
-  const auto other = [&](const std::string& name, const std::function<void(BuildOptions&)>& change) {
+  const auto other = [&](const std::string& name,
+                         const std::function<void(BuildOptions&)>& change) {
     return build(balls({kLeft}), name, change);
   };
   EXPECT_THAT(refused({other("flat.slf", [](auto& o) { o.depth = false; })}),
               HasSubstr("has no depth"));
   EXPECT_THAT(refused({other("large.slf", [](auto& o) { o.shape.sphere.radius = 2; })}),
               HasSubstr("has a sphere of radius 2, but "));
-  EXPECT_THAT(refused({other("aside.slf", [](auto& o) { o.shape.sphere = {{0, 1, 0}, 1}; })}),
+  EXPECT_THAT(refused({other("aside.slf",
+                             [](auto& o) {
+                               o.shape.sphere = {{0, 1, 0}, 1};
+                             })}),
               HasSubstr("has a sphere around 1, but "));
   EXPECT_THAT(refused({other("coarse.slf", [](auto& o) { o.shape.levels = 0; })}),
               HasSubstr("has finest level 0, but "));
