@@ -18,6 +18,7 @@ import struct
 import subprocess
 import time
 
+FONT = "/usr/share/fonts/truetype/dejavu/DejaVuSans.ttf"
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 # Of the Allen Human Reference Atlas 3D.
 STRUCTURES = {
@@ -128,7 +129,7 @@ def main():
                   ("--structure", f"{path}:{1 if name == 'white matter' else 0.3}")]
     bench.run("render", whole, *structures, "-f", "-o", picture, "--orbit", "60,25,2.6")
     sheet += ["-label", "white matter, others at 0.3", str(picture)]
-    subprocess.run(["montage", *sheet, "-tile", "3x", "-geometry", "+4+4", "-background", "black",
+    subprocess.run(["montage", "-font", FONT, *sheet, "-tile", "3x", "-geometry", "+4+4", "-background", "black",
                     "-fill", "white", "-quality", "90", bench.folder / "structures.jpg"], check=True)
 
 

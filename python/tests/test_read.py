@@ -313,6 +313,6 @@ def test_structures_are_drawn_together(balls, balls_path, tmp_path):
     with pytest.raises(slf.UsageError, match="opacity or tint 2: expected 0 to 1"):
         balls.compose({balls: 2})
     with slf.build("scene:balls", tmp_path / "flat.slf", entry=2, exit=8, finest_level=1,
-                   depth=False) as flat:
+                   depth=False, codec="zstd") as flat:
         with pytest.raises(slf.UsageError, match="flat.slf: has no depth"):
             balls.compose({flat: 1})
