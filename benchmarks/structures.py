@@ -1,13 +1,13 @@
 #!/usr/bin/env python3
-"""Structures of a label volume, each a field of its own, drawn together, beside single fields.
+"""Structures of a label volume in one field, drawn together, beside fields of single sets.
 
   benchmarks/structures.py --slf build/release/cli/slf [--labels AllenAtlas.nii.gz] [-o out/structures]
 
-Builds a field of each of six structures, groups of labels, on one sphere; and for each of four sets
-of visible structures one field that shows that set alone. Prints, for each set, the PSNR of both
-against ray-casting the volume with the other labels hidden, the bytes of the files, and the time of
-a view. Then draws structures.jpg, a sheet of the sets. Fields in the folder are not built again.
-Needs ImageMagick's montage for the sheet.
+Builds a field of six structures, groups of labels, with --each-label; and for each of four sets of
+visible structures one field that shows that set alone, with --only-labels. Prints, for each set,
+the PSNR of both against ray-casting the volume with the same labels, the bytes that the structures
+have in the file, those of the single field, and the time of a view. Then draws structures.jpg, a
+sheet of the sets. Fields in the folder are not built again. Needs ImageMagick's montage.
 """
 
 import argparse
@@ -51,40 +51,34 @@ class Bench:
         self.settings = arguments.build.split()
         self.views = ["--views", arguments.views, "--size", arguments.size]
         self.ids = ids_in(self.volume)
-        self.sphere = []
 
     def run(self, *arguments):
         done = subprocess.run([self.slf, "-q", *map(str, arguments)], check=True,
                               stdout=subprocess.PIPE, text=True)
         return json.loads(done.stdout) if done.stdout.startswith("{") else done.stdout
 
-    def source(self, names):
-        """The options that read the volume with these structures alone."""
-        path = self.folder / f"{'+'.join(names).replace(' ', '_')}.json"
-        shown = {i: STRUCTURES[name][1] for name in names for i in STRUCTURES[name][0]}
-        function = {"Name": "structures", "ColorSpace": "Step", "RGBPoints": [], "Points": [],
-                    "ScalarOpacityUnitDistance": 1}
-        for i in self.ids:
-            function["RGBPoints"] += [i, *shown.get(i, (0, 0, 0))]
-            function["Points"] += [i, 1 if i in shown else 0, 0.5, 0]
-        path.write_text(json.dumps([function]))
-        return ["--labels", "--transfer", path]
+    def source(self, names=()):
+        """The options that read the structures, or only some."""
+        table = self.folder / "names.json"
+        named = {i: {"id": i, "name": name, "color": color}
+                 for name, (ids, color) in STRUCTURES.items() for i in ids}
+        labels = [named.get(i, {"id": i, "opacity": 0}) for i in self.ids]
+        table.write_text(json.dumps({"labels": labels}))
+        shown = ",".join(str(i) for name in names for i in STRUCTURES[name][0])
+        return ["--labels", "--label-table", table] + (["--only-labels", shown] if names else [])
 
-    def build(self, names):
-        path = self.folder / f"{'+'.join(names).replace(' ', '_')}.slf"
+    def build(self, title, *options):
+        path = self.folder / f"{title.replace(' ', '_')}.slf"
         if not path.exists():
-            self.run("build", self.volume, "-o", path, *self.source(names), *self.settings,
-                     *self.sphere)
-        if not self.sphere:
-            sphere = self.run("info", path, "--json")["sphere"]
-            self.sphere = ["--radius", sphere["radius"],
-                           "--center=" + ",".join(map(str, sphere["center"]))]
+            self.run("build", self.volume, "-o", path, *options, *self.settings)
         return path
 
     def evaluate(self, names, field, *structures):
-        found = self.run("evaluate", field, *structures, "--volume", self.volume,
-                         *self.source(names), *self.views, "--json")
-        return found["psnr"]
+        return self.run("evaluate", field, *structures, "--volume", self.volume,
+                        *self.source(names), *self.views, "--json")["psnr"]
+
+    def payloads(self, field, state):
+        return self.run("info", field, "--state", state, "--json")["payload_bytes"] / (1 << 20)
 
     def seconds(self, field, *structures):
         """The least time of three views of 512², with all that the command does."""
@@ -107,30 +101,31 @@ def main():
     parser.add_argument("--size", default="256")
     bench = Bench(parser.parse_args())
 
-    whole = bench.build(SETS["all"])
-    parts = {name: bench.build([name]) for name in STRUCTURES}
-    mib = lambda paths: sum(path.stat().st_size for path in paths) / (1 << 20)
-    print(f"structures: {mib(parts.values()):.1f} MiB, "
-          f"{mib(parts.values()) / mib([whole]):.2f} of one field of all")
+    field = bench.build("structures", *bench.source(), "--each-label")
+    mib = {name: bench.payloads(field, name) for name in STRUCTURES}
+    for name, size in mib.items():
+        print(f"{name:30} {size:7.2f} MiB")
     print(f"{'set':30} {'composed':>9} {'single':>9} {'MiB':>7} {'single':>7} {'s':>6} {'single':>6}")
     sheet = []
-    for title, names in SETS.items():
-        single = bench.build(names)
-        structures = [text for name in names for text in ("--structure", parts[name])]
-        print(f"{title:30} {bench.evaluate(names, whole, *structures):6.2f} dB "
-              f"{bench.evaluate(names, single):6.2f} dB {mib(parts[name] for name in names):7.1f} "
-              f"{mib([single]):7.1f} {bench.seconds(whole, *structures):6.2f} "
-              f"{bench.seconds(single):6.2f}", flush=True)
+
+    def draw(title, *structures):
         picture = bench.folder / f"{title.replace(' ', '_')}.png"
-        bench.run("render", whole, *structures, "-f", "-o", picture, "--orbit", "60,25,2.6")
-        sheet += ["-label", title, str(picture)]
-    picture = bench.folder / "faded.png"
-    structures = [text for name, path in parts.items() for text in
-                  ("--structure", f"{path}:{1 if name == 'white matter' else 0.3}")]
-    bench.run("render", whole, *structures, "-f", "-o", picture, "--orbit", "60,25,2.6")
-    sheet += ["-label", "white matter, others at 0.3", str(picture)]
-    subprocess.run(["montage", "-font", FONT, *sheet, "-tile", "3x", "-geometry", "+4+4", "-background", "black",
-                    "-fill", "white", "-quality", "90", bench.folder / "structures.jpg"], check=True)
+        bench.run("render", field, *structures, "-f", "-o", picture, "--orbit", "60,25,2.6")
+        sheet.extend(["-label", title, str(picture)])
+
+    for title, names in SETS.items():
+        single = bench.build(title, *bench.source(names))
+        structures = [text for name in names for text in ("--structure", name)]
+        print(f"{title:30} {bench.evaluate(names, field, *structures):6.2f} dB "
+              f"{bench.evaluate(names, single):6.2f} dB {sum(mib[name] for name in names):7.2f} "
+              f"{bench.payloads(single, '0'):7.2f} {bench.seconds(field, *structures):6.2f} "
+              f"{bench.seconds(single):6.2f}", flush=True)
+        draw(title, *structures)
+    draw("white matter, others at 0.3", "--structure", "*:0.3", "--structure", "white matter")
+    draw("tinted", "--structure", "*:#ffe0c0", "--structure", "temporal:0.4:#ff4040")
+    subprocess.run(["montage", "-font", FONT, *sheet, "-tile", "3x", "-geometry", "+4+4",
+                    "-background", "black", "-fill", "white", "-quality", "90",
+                    bench.folder / "structures.jpg"], check=True)
 
 
 if __name__ == "__main__":

@@ -10,7 +10,8 @@ namespace {
 struct BuildArguments {
   SourceArguments source;
   ShardArguments shard;
-  std::string output;
+  std::string states, output;
+  bool each_label = false;
   bool force = false;
   BuildOptions build;
   double radius = 0;
@@ -30,14 +31,25 @@ Result<void> run_build(const BuildArguments& arguments) {
   source.raycast.lighting.linear = options.half;
   if (!arguments.center.empty() && arguments.radius != 0)
     source.pictures.sphere = Sphere{to_vector(arguments.center), arguments.radius};
-  const auto scene = SLF_TRY(hinted(make_scene(source)));
+  SLF_TRY(check_output(output, {&arguments.states, 1}));
+  std::vector<MadeState> made;
+  if (arguments.each_label) {
+    made = SLF_TRY(make_label_states(source));
+  } else if (arguments.states.empty()) {
+    auto scene = SLF_TRY(hinted(make_scene(source)));
+    made.push_back({"", std::move(scene)});
+  } else {
+    made = SLF_TRY(make_states(arguments.states, source));
+  }
+  std::vector<FieldState> states;
+  for (const MadeState& state : made) states.push_back({state.name, state.scene.get()});
   Sphere& sphere = options.shape.sphere;
-  sphere = scene->bounds();
+  sphere = states[0].scene->bounds();
   if (!arguments.center.empty()) sphere.center = to_vector(arguments.center);
   if (arguments.radius != 0) sphere.radius = arguments.radius;
   options.replace = arguments.force;
   const auto report = SLF_TRY(
-      hinted(build_field(*scene, output, options, progress_bar("build", "rays", OnSignal::stop))));
+      hinted(build_field(states, output, options, progress_bar("build", "rays", OnSignal::stop))));
   if (report.tiles == 0)
     note(fmt::format("{}: nothing is left to build", output));
   else if (report.resumed > 0)
@@ -61,6 +73,19 @@ void add_build(CLI::App& app, Run& run) {
       ->type_name(kFieldFile)
       ->required();
   command->add_flag("-f,--force", a->force, "Replace the output, once the new field is complete");
+  command
+      ->add_option(
+          "--states", a->states,
+          "Build several states of the object into one field: a JSON file of their names\n"
+          "and options, as {\"states\": [{\"name\": \"bone\", \"transfer\": \"ct-bone\"},\n"
+          "{\"name\": \"skin\", \"transfer\": \"ct-skin\"}]}")
+      ->type_name(kAnyFile);
+  command
+      ->add_flag("--each-label", a->each_label,
+                 "Build a state of each structure of a label volume, to be drawn together, or\n"
+                 "some of them: labels of one name in --label-table are one structure. Light is\n"
+                 "that of all: what is hidden keeps its shadows")
+      ->excludes("--states");
   const char* group = "Field";
   auto& shape = a->build.shape;
   command

@@ -126,8 +126,19 @@ void keep_freed_memory();
 
 // ---- fields ------------------------------------------------------------------------------------
 
-/// Opens a local field or one on a web server. Errors as Field::open() and RemoteField::open().
-[[nodiscard]] Result<Field> open_field(const std::string& path);
+/// Opens a local field or one on a web server, in a state by its name or number. Errors as
+/// Field::open(), RemoteField::open() and Field::in_state().
+[[nodiscard]] Result<Field> open_field(const std::string& path, const std::string& state = {});
+
+/// A field, and the state of it to show.
+struct FieldArguments {
+  std::string path, state;
+
+  void add_to(CLI::App& command, const char* help);
+  [[nodiscard]] Result<Field> open() const { return open_field(path, state); }
+};
+void add_state(CLI::App& command, const char* name, std::string& state, const char* help);
+
 /// Whether the path is an address, or that of a file that is a field by its name or its bytes.
 [[nodiscard]] bool is_field(const std::string& path);
 
@@ -301,6 +312,17 @@ Result<T> hinted(Result<T> result) {
   return result;
 }
 
+struct MadeState {
+  std::string name;
+  std::unique_ptr<Scene> scene;
+};
+/// A state for each structure of a label volume, which shows it alone, under one light of all.
+[[nodiscard]] Result<std::vector<MadeState>> make_label_states(const SourceArguments& common);
+/// The states that a JSON file lists (schemas/states.json): scenes with the `common` options, but
+/// for those of each state. Messages name the file and the state.
+[[nodiscard]] Result<std::vector<MadeState>> make_states(const std::string& file,
+                                                         const SourceArguments& common);
+
 /// The options that choose the part of a field to build.
 struct ShardArguments {
   std::string shard;  // "K/N" or "auto"; empty: not given
@@ -348,9 +370,10 @@ struct DrawArguments {
   void add_structures_to(CLI::App& command);
   [[nodiscard]] RendererOptions renderer() const;
   /// The files that are drawn from.
-  [[nodiscard]] std::vector<std::string> inputs(const std::string& field) const;
-  /// The field, composed of the structures that are given, if any.
-  [[nodiscard]] Result<Field> open(const std::string& path) const;
+  [[nodiscard]] std::vector<std::string> inputs(const FieldArguments& field) const;
+  /// The field, composed of the structures that are given, if any. Without any, and without a
+  /// state, a field whose states are the structures of a label volume is composed of all.
+  [[nodiscard]] Result<Field> open(const FieldArguments& field) const;
   /// Resolves --level auto for `camera`. Without a camera it stays kMatchingLevel.
   [[nodiscard]] Result<ViewOptions> view(const Field& field,
                                          std::optional<Camera> camera = {}) const;

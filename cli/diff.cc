@@ -7,7 +7,7 @@ namespace slf::cli {
 namespace {
 
 struct DiffArguments {
-  std::string a, b;
+  FieldArguments a, b;
   std::optional<double> min_psnr;
   DiffOptions diff;
   bool json = false;
@@ -52,8 +52,8 @@ void print_difference(const Field& field, const FieldDifference& difference) {
 }
 
 Result<void> run_diff(const DiffArguments& arguments) {
-  const auto a = SLF_TRY(open_field(arguments.a));
-  const auto b = SLF_TRY(open_field(arguments.b));
+  const auto a = SLF_TRY(arguments.a.open());
+  const auto b = SLF_TRY(arguments.b.open());
   const auto difference =
       SLF_TRY(diff_fields(a, b, arguments.diff, progress_bar("diff", "tiles", OnSignal::end)));
   if (arguments.json)
@@ -65,7 +65,7 @@ Result<void> run_diff(const DiffArguments& arguments) {
   if (passed) return {};
   const std::string limit =
       arguments.min_psnr ? fmt::format("; --min-psnr {:g} is not met", *arguments.min_psnr) : "";
-  return fail(ErrorCode::differs, arguments.a, " and ", arguments.b, ": differ", limit);
+  return fail(ErrorCode::differs, arguments.a.path, " and ", arguments.b.path, ": differ", limit);
 }
 
 }  // namespace
@@ -73,13 +73,15 @@ Result<void> run_diff(const DiffArguments& arguments) {
 void add_diff(CLI::App& app, Run& run) {
   auto* command = app.add_subcommand("diff", "Compare two fields: manifest, tiles, samples");
   auto a = std::make_shared<DiffArguments>();
-  command->add_option("A", a->a, "Field")->type_name(kFieldFile)->required();
-  command->add_option("B", a->b, "Field")->type_name(kFieldFile)->required();
+  command->add_option("A", a->a.path, "Field")->type_name(kFieldFile)->required();
+  command->add_option("B", a->b.path, "Field")->type_name(kFieldFile)->required();
   command
       ->add_option("--min-psnr", a->min_psnr,
                    "Exit with 0 if both have the same tiles, none below this PSNR, whatever\n"
                    "their bytes and manifests; without it any difference ends with 7")
       ->check(kNotNegative);
+  add_state(*command, "--state-a", a->a.state, "The state of A: its name or number, from 0");
+  add_state(*command, "--state-b", a->b.state, "The state of B");
   add_threads(*command, a->diff.threads);
   command->add_flag("--json", a->json, "JSON on stdout");
   command->callback([a, &run] { run = [a] { return run_diff(*a); }; });

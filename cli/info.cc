@@ -5,12 +5,14 @@
 
 #include "base/try.h"
 #include "cli/command.h"
+#include "field/field_file.h"
 
 namespace slf::cli {
 namespace {
 
 struct InfoArguments {
   SourceArguments source;
+  std::string state;  // of a field; empty: all
   bool json = false;
 };
 
@@ -28,6 +30,7 @@ nlohmann::json field_json(const Field& field, const FieldContent& content) {
                       {"empty", level.empty},
                       {"slabs", level.slabs},
                       {"payload_bytes", level.payload_bytes}});
+    if (!field.states().empty()) levels.back()["same"] = level.same;
   }
   nlohmann::json json = nlohmann::json::parse(field.manifest());
   json["file_bytes"] = content.file_bytes;
@@ -60,8 +63,12 @@ void print_field(const Field& field, const FieldContent& content) {
           light->contains("environment") ? "an environment picture and the lights of " : "rig ",
           lighting.rig.name, lighting.samples);
   }
+  const std::vector<std::string> states = field.states();
+  for (std::size_t state = 0; state < states.size(); ++state)
+    print("state   {}: {}\n", state, states[state]);
   std::vector<std::vector<std::string>> rows{
       {"level", "lattice", "tiles", "stored", "empty", "slabs", "payload"}};
+  if (!states.empty()) rows[0].emplace_back("same");
   for (const LevelContent& level : content.levels) {
     rows.push_back({fmt::format("{}", level.level),
                     fmt::format("{}/{}", shape.entry_resolution(level.level),
@@ -69,6 +76,7 @@ void print_field(const Field& field, const FieldContent& content) {
                     fmt::format("{}", level.tiles), fmt::format("{}", level.stored),
                     fmt::format("{}", level.empty), human_count(static_cast<double>(level.slabs)),
                     human_bytes(static_cast<double>(level.payload_bytes))});
+    if (!states.empty()) rows.back().push_back(fmt::format("{}", level.same));
   }
   print_table(rows);
 }
@@ -297,8 +305,9 @@ Result<void> run_info(const InfoArguments& arguments) {
     }
     return {};
   }
-  const auto field = SLF_TRY(open_field(input));
-  const auto content = SLF_TRY(field.content());
+  const auto field = SLF_TRY(open_field(input, arguments.state));
+  const auto whole = SLF_TRY(field.file().in_state(FieldFile::kAllStates));
+  const auto content = SLF_TRY(arguments.state.empty() ? whole->content() : field.content());
   if (arguments.json)
     print_json(field_json(field, content));
   else
@@ -320,6 +329,7 @@ void add_info(CLI::App& app, Run& run) {
               kVolumeHelp + "\n" + kMeshHelp)
       ->type_name(kAnyFile)
       ->required();
+  add_state(*command, "--state", a->state, "Of a field: count the tiles of this state only");
   a->source.add_raw_to(*command);
   a->source.add_mesh_to(*command);
   command->add_flag("--json", a->json, "JSON on stdout");

@@ -7,7 +7,7 @@ namespace slf::cli {
 namespace {
 
 struct LsArguments {
-  std::string field;
+  FieldArguments field;
   std::optional<LevelRange> levels;
   Subfields subfields;
   TileFilter filter;
@@ -25,7 +25,7 @@ std::string tile_json(const ListedTile& tile) {
 }
 
 Result<void> run_ls(const LsArguments& a) {
-  const auto field = SLF_TRY(open_field(a.field));
+  const auto field = SLF_TRY(a.field.open());
   TileFilter filter = a.filter;
   filter.subfields = a.subfields.numbers;
   if (a.levels) filter.first_level = a.levels->first, filter.last_level = a.levels->last;
@@ -52,11 +52,11 @@ Result<void> run_ls(const LsArguments& a) {
 void add_ls(CLI::App& app, Run& run) {
   auto* command = app.add_subcommand("ls", "List the tiles of a field, for other tools to read");
   command->footer(R"(
-A line has six columns, separated by tabs: LEVEL/ENTRY/EXIT, its state (stored, empty, or missing),
-the bytes of its payload, where they begin in the file, the tile's index within the level, and its
+A line has six columns, separated by tabs: LEVEL/ENTRY/EXIT, its state (stored, empty, missing, or
+same: as in an earlier state of the object, whose payload it shares), the bytes of its payload, where they begin in the file, the tile's index within the level, and its
 subfield. Lines are in the order of levels and indexes.)");
   auto a = std::make_shared<LsArguments>();
-  command->add_option("FIELD", a->field, "Field to list")->type_name(kFieldFile)->required();
+  a->field.add_to(*command, "Field to list");
   add_levels(*command, "--level", a->levels, "Only tiles of these levels");
   add_subfields(*command, a->subfields, "Only tiles of these level-0 subfields");
   command->add_flag("--missing", a->filter.missing, "Also tiles that the field lacks");

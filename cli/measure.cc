@@ -45,6 +45,7 @@ nlohmann::json level_json(const LevelMeasure& m) {
 
 struct MeasureArguments {
   std::vector<std::string> fields;
+  std::string state;
   ViewsArguments views;
   std::vector<RenderMode> modes;  // empty: the field's default
   std::vector<PixelSize> sizes{{512, 512}};
@@ -112,7 +113,7 @@ void print_measurement(const Setting& s, const Measurement& m, std::uint32_t vie
 Result<void> run_measure(const MeasureArguments& a) {
   nlohmann::json runs = nlohmann::json::array();
   for (const std::string& path : a.fields) {
-    const auto field = SLF_TRY(a.draw.open(path));
+    const auto field = SLF_TRY(a.draw.open({path, a.state}));
     const std::vector<RenderMode> modes =
         a.modes.empty() ? std::vector{default_mode(field)} : a.modes;
     for (const RenderMode mode : modes)
@@ -140,7 +141,7 @@ Result<void> run_measure(const MeasureArguments& a) {
 }
 
 struct EvaluateArguments {
-  std::string field;
+  FieldArguments field;
   SourceArguments source;
   ViewsArguments views;
   PixelSize size{256, 256};
@@ -211,7 +212,7 @@ Result<void> evaluate_with_pictures(const EvaluateArguments& a, const Field& fie
   print(
       "{}: mode {}, level {}: PSNR {:.2f} dB, SSIM {:.4f}; inside the sphere {:.2f} dB, {:.4f} "
       "(mean of {} pictures), {}\n",
-      a.field, name(view.mode), view.level, whole.psnr, whole.ssim, inside.psnr, inside.ssim,
+      a.field.path, name(view.mode), view.level, whole.psnr, whole.ssim, inside.psnr, inside.ssim,
       qualities.size(), human_bytes(static_cast<double>(field.file_bytes())));
   return {};
 }
@@ -254,9 +255,9 @@ Result<void> run_evaluate(const EvaluateArguments& a) {
                 {"same_source", evaluation.differs.empty()},
                 {"file_bytes", bytes}});
   } else {
-    print("{}: mode {}, level {}: PSNR {:.2f} dB, SSIM {:.4f} (mean of {} views), {}\n", a.field,
-          name(view.mode), view.level, evaluation.psnr, evaluation.ssim, a.views.views,
-          human_bytes(static_cast<double>(bytes)));
+    print("{}: mode {}, level {}: PSNR {:.2f} dB, SSIM {:.4f} (mean of {} views), {}\n",
+          a.field.path, name(view.mode), view.level, evaluation.psnr, evaluation.ssim,
+          a.views.views, human_bytes(static_cast<double>(bytes)));
   }
   return {};
 }
@@ -270,6 +271,7 @@ void add_measure(CLI::App& app, Run& run) {
   command->add_option("FIELD", a->fields, "Fields; several are measured one by one")
       ->type_name(kFieldFile)
       ->required();
+  add_state(*command, "--state", a->state, "The state of the fields to show: its name or number");
   a->views.add_to(*command);
   command->add_option("--distance", a->distances, std::string(kDistanceHelp) + "; or several")
       ->check(kDistance)
@@ -310,7 +312,7 @@ void add_evaluate(CLI::App& app, Run& run) {
       "evaluate",
       "Quality: PSNR and SSIM of views against the ray-cast truth, or against pictures");
   auto a = std::make_shared<EvaluateArguments>();
-  command->add_option("FIELD", a->field, "Field to evaluate")->type_name(kFieldFile)->required();
+  a->field.add_to(*command, "Field to evaluate");
   a->source.add_volume_to(*command, "--volume");
   command->get_option("--volume")->required(false);
   command

@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <array>
 #include <filesystem>
 #include <fstream>
@@ -7,6 +8,31 @@
 #include "slf/remote.h"
 
 namespace slf::cli {
+namespace {
+
+Result<Field> open_first_state(const std::string& path);
+
+}  // namespace
+
+Result<Field> open_field(const std::string& path, const std::string& state) {
+  auto field = open_first_state(path);
+  if (!field || state.empty()) return field;
+  unsigned number = 0;
+  const auto names = field->states();
+  const bool named = std::ranges::find(names, state) != names.end();
+  return hinted(!named && CLI::detail::lexical_cast(state, number) ? field->in_state(number)
+                                                                   : field->in_state(state));
+}
+
+void FieldArguments::add_to(CLI::App& command, const char* help) {
+  command.add_option("FIELD", path, help)->type_name(kFieldFile)->required();
+  add_state(command, "--state", state,
+            "The state of the field to show: its name or number, from 0");
+}
+
+void add_state(CLI::App& command, const char* name, std::string& state, const char* help) {
+  command.add_option(name, state, help)->type_name("STATE");
+}
 
 bool is_field(const std::string& path) {
   if (is_address(path) || path.ends_with(".slf") || path.ends_with(".slf.unfinished")) return true;
@@ -24,15 +50,15 @@ namespace {
 /// The remote fields that were opened, for their traffic.
 std::vector<RemoteField> remote_fields;
 
-}  // namespace
-
-Result<Field> open_field(const std::string& path) {
+Result<Field> open_first_state(const std::string& path) {
   if (!is_address(path)) return Field::open(path);
   auto remote =
       SLF_TRY(RemoteField::open(path, {}, late_progress_bar("fetch", "bytes", OnSignal::end)));
   remote_fields.push_back(remote);
   return remote.field();
 }
+
+}  // namespace
 
 nlohmann::json traffic_json() {
   if (remote_fields.empty()) return {};
@@ -46,11 +72,15 @@ nlohmann::json traffic_json() {
   return {{"requests", sum.requests}, {"repeated", sum.repeated}, {"bytes", sum.bytes}};
 }
 #else
-Result<Field> open_field(const std::string& path) {
+namespace {
+
+Result<Field> open_first_state(const std::string& path) {
   if (!is_address(path)) return Field::open(path);
   return fail(ErrorCode::unsupported, path,
               ": this slf was built without libcurl and does not read fields over HTTP");
 }
+
+}  // namespace
 
 nlohmann::json traffic_json() { return {}; }
 #endif

@@ -13,7 +13,8 @@ namespace {
 constexpr std::uint64_t kMaxPixelsFile = 64 << 20;
 
 struct Arguments {
-  std::string field, file;
+  FieldArguments field;
+  std::string file;
   std::vector<std::array<double, 2>> pixels;
   CameraArguments camera;
   DrawArguments draw;
@@ -70,7 +71,7 @@ Result<void> run_pick(const Arguments& a) {
 void add_pick(CLI::App& app, Run& run) {
   auto* command = app.add_subcommand("pick", "Print the points of the surface that a view shows");
   auto a = std::make_shared<Arguments>();
-  command->add_option("FIELD", a->field, "Field to look at")->type_name(kFieldFile)->required();
+  a->field.add_to(*command, "Field to look at");
   auto* pixel = command
                     ->add_option("PIXEL", a->pixels,
                                  "Places in the picture, in pixels from its upper left corner")

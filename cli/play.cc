@@ -20,7 +20,7 @@ namespace {
 using Clock = std::chrono::steady_clock;
 
 struct PlayArguments {
-  std::string field;
+  FieldArguments field;
   std::string path;
   std::vector<double> orbit{0, 20, 3};
   PixelSize size{512, 512};
@@ -95,7 +95,7 @@ bool wait_until(Clock::time_point due) {
 /// Plays the path in real time. While a picture is written the clock stops, but the loading thread
 /// goes on.
 Result<PlayResult> play(const PlayArguments& a, const PlayOptions& options, FrameFiles* pictures) {
-  if (a.cold && !is_address(a.field)) SLF_TRY(drop_page_cache(a.field));
+  if (a.cold && !is_address(a.field.path)) SLF_TRY(drop_page_cache(a.field.path));
   const auto field = SLF_TRY(a.draw.open(a.field));
   const auto path = SLF_TRY(a.camera_path(field.shape().sphere));
   const auto view = SLF_TRY(a.draw.view(field));
@@ -237,7 +237,7 @@ Result<void> run_play(const PlayArguments& a) {
   }
   if (stop_signal() == 0) SLF_TRY(pictures.close());  // a part of an animation replaces nothing
   if (a.json) {
-    print_json({{"field", a.field},
+    print_json({{"field", a.field.path},
                 {"fps", a.fps},
                 {"width_pixels", a.size.width},
                 {"height_pixels", a.size.height},
@@ -245,8 +245,8 @@ Result<void> run_play(const PlayArguments& a) {
                 {"runs", runs}});
     return {};
   }
-  print("{} at {} frames a second, {} pixels; late: drawn in more than {:.1f} ms\n", a.field, a.fps,
-        to_string(a.size), 1000 / a.fps);
+  print("{} at {} frames a second, {} pixels; late: drawn in more than {:.1f} ms\n", a.field.path,
+        a.fps, to_string(a.size), 1000 / a.fps);
   print_table(rows);
   return {};
 }
@@ -257,7 +257,7 @@ void add_play(CLI::App& app, Run& run) {
   auto* command = app.add_subcommand(
       "play", "Fly around a field at a steady frame rate, loading tiles ahead of the camera");
   auto a = std::make_shared<PlayArguments>();
-  command->add_option("FIELD", a->field, "Field to play")->type_name(kFieldFile)->required();
+  a->field.add_to(*command, "Field to play");
   const char* path = "Path";
   auto* keys =
       command->add_option("--path", a->path,

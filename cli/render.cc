@@ -55,7 +55,7 @@ struct PictureOutput {
 };
 
 struct RenderArguments {
-  std::string field;
+  FieldArguments field;
   PictureOutput picture;
   CameraArguments camera;
   DrawArguments draw;
@@ -118,10 +118,10 @@ Result<void> run_render(const RenderArguments& a) {
     note(field.shape().subfields.empty()
              ? fmt::format("{}: incomplete at level {}: {} pixels drawn from coarser levels; the "
                            "build command that made it resumes it",
-                           a.field, statistics.level_pixels.size() - 1,
+                           a.field.path, statistics.level_pixels.size() - 1,
                            statistics.fallback_pixels())
-             : fmt::format("{}: {} pixels need subfields that were left out of this field", a.field,
-                           statistics.fallback_pixels()));
+             : fmt::format("{}: {} pixels need subfields that were left out of this field",
+                           a.field.path, statistics.fallback_pixels()));
   if (!a.json && !a.stats) return {};
   const auto file = SLF_TRY(footprint(field, statistics.tiles));
   const nlohmann::json json = statistics_json(statistics, file, view);
@@ -207,7 +207,7 @@ Result<void> run_raycast(const RaycastArguments& a) {
 void add_render(CLI::App& app, Run& run) {
   auto* command = app.add_subcommand("render", "Draw a view of a field");
   auto a = std::make_shared<RenderArguments>();
-  command->add_option("FIELD", a->field, "Field to draw")->type_name(kFieldFile)->required();
+  a->field.add_to(*command, "Field to draw");
   a->picture.add_to(*command);
   a->camera.add_to(*command);
   a->draw.add_to(*command);

@@ -12,7 +12,8 @@ namespace {
 constexpr const char* kStdout = "-";
 
 struct TileArguments {
-  std::string field, tile, output, format;
+  FieldArguments field;
+  std::string tile, output, format;
   std::string channel = "color";
   bool force = false;
 };
@@ -60,8 +61,8 @@ Result<void> run_tile(const TileArguments& a) {
   const bool to_stdout = a.output == kStdout;
   if (to_stdout && isatty(STDOUT_FILENO) != 0)
     return fail(ErrorCode::usage, "-o -: is a terminal; redirect stdout to a file or a program");
-  if (!to_stdout) SLF_TRY(refuse_overwrite(a.output, a.force, {a.field}));
-  const auto field = SLF_TRY(open_field(a.field));
+  if (!to_stdout) SLF_TRY(refuse_overwrite(a.output, a.force, {a.field.path}));
+  const auto field = SLF_TRY(a.field.open());
   const auto key = SLF_TRY(parse_tile(field, a.tile));
   const auto bytes = SLF_TRY(encode(field, key, a));
   if (!to_stdout) return write_file(a.output, bytes);
@@ -77,7 +78,7 @@ void add_tile(CLI::App& app, Run& run) {
 The picture shows the exit triangle of each entry vertex where that vertex lies among the others of
 its section. .raw has the samples as FORMAT.md orders them: picture by picture, little-endian.)");
   auto a = std::make_shared<TileArguments>();
-  command->add_option("FIELD", a->field, "Field to read")->type_name(kFieldFile)->required();
+  a->field.add_to(*command, "Field to read");
   command->add_option("TILE", a->tile, "LEVEL/ENTRY/EXIT as `slf ls` prints it, or LEVEL/INDEX")
       ->type_name("TILE")
       ->required();

@@ -1,6 +1,7 @@
 #include "field/field_file.h"
 
 #include <algorithm>
+#include <set>
 
 #include "base/guarded.h"
 #include "base/sort_unique.h"
@@ -13,11 +14,20 @@ Result<std::shared_ptr<const FieldFile>> FieldFile::open(const std::string& path
   return open(std::move(store));
 }
 
-Result<std::shared_ptr<const FieldFile>> FieldFile::open(storage::TileStore store) {
-  const std::string path = store.path();
-  const auto text = SLF_TRY(store.blob(kManifestBlob));
+Result<std::shared_ptr<const FieldFile>> FieldFile::whole(const std::string& path) {
+  auto store = SLF_TRY(storage::TileStore::open(path));
+  return whole(std::move(store));
+}
+
+Result<std::shared_ptr<const FieldFile>> FieldFile::open(const storage::TileStore& opened,
+                                                         unsigned state) {
+  const std::string path = opened.path();
+  const auto text = SLF_TRY(opened.blob(kManifestBlob));
   auto manifest =
       SLF_TRY(Manifest::parse({reinterpret_cast<const char*>(text.data()), text.size()}, path));
+  const bool whole = state == kAllStates || manifest.states.empty();
+  if (!whole) manifest.shape.states = 1;
+  auto store = whole ? opened.all_states() : opened.in_state(state);
   const auto tables = SLF_TRY(store.blob(kTablesBlob));
   auto codec = codec::make_codec(manifest.codec, manifest.format, tables);
   if (!codec && codec.error().code == ErrorCode::usage)
@@ -25,6 +35,7 @@ Result<std::shared_ptr<const FieldFile>> FieldFile::open(storage::TileStore stor
                 manifest.codec, "\"; update slf");
   if (!codec) return fail(ErrorCode::bad_file, path, ": ", codec.error().message);
   std::shared_ptr<FieldFile> field(new FieldFile(std::move(store), std::move(manifest)));
+  field->state_ = whole ? 0 : state;
   field->codec_ = std::move(*codec);
   field->coder_.emplace(field->shape(), field->format(), field->codec(),
                         [file = field.get()](unsigned level) -> const LevelGeometry& {
@@ -32,6 +43,18 @@ Result<std::shared_ptr<const FieldFile>> FieldFile::open(storage::TileStore stor
                         });
   if (field->predicts()) field->read_reference_index();
   return field;
+}
+
+bool FieldFile::can_have(TileKey key) const {
+  const TileKey first = slf::in_state(key, 0);
+  const TileKey in_file{key.level, key.index + slf::in_state({}, state_).index};
+  return state_of(in_file) < std::max<std::size_t>(1, manifest_.states.size()) &&
+         shape().has(first);
+}
+
+std::string FieldFile::place(TileKey key) const {
+  return path() + ": tile " +
+         storage::name({key.level, key.index + slf::in_state({}, state_).index});
 }
 
 void FieldFile::read_reference_index() {
@@ -46,11 +69,11 @@ void FieldFile::read_reference_index() {
 Result<std::vector<Reference>> FieldFile::references(const storage::TileRef& tile) const {
   if (!predicts() || tile.state != storage::TileState::stored) return std::vector<Reference>();
   SLF_TRY(store_.fetch(tile));
-  auto named = coder_->references(tile.key, tile.payload);
+  auto named = coder_->references(tile.source, tile.payload);
   for (const Reference& reference : named)
-    if (!shape().has(reference.tile))
-      return fail(ErrorCode::bad_file, path(), ": tile ", int{reference.tile.level}, "/",
-                  reference.tile.index, ", from which others are predicted, is not in the field");
+    if (!can_have(reference.tile))
+      return fail(ErrorCode::bad_file, place(reference.tile),
+                  ", from which others are predicted, is not in the field");
   return named;
 }
 
@@ -83,7 +106,7 @@ void FieldFile::advise_together(std::vector<storage::TileRef> tiles) const {
   for (const storage::TileRef& tile : tiles)
     if (tile.state == storage::TileState::stored) keys.push_back(tile.key);
   append_ancestors(reference_index_, keys);
-  std::erase_if(keys, [&](TileKey key) { return !shape().has(key); });
+  std::erase_if(keys, [&](TileKey key) { return !can_have(key); });
   for (const auto& tile : store_.find_all(keys))
     if (tile) tiles.push_back(*tile);
   store_.advise(tiles);
@@ -100,11 +123,11 @@ Result<void> FieldFile::decode(const storage::TileRef& tile, std::span<const Ref
                                std::span<std::byte> samples) const {
   if (codec_->in_place() && tile.payload.size() == samples.size())
     return store_.copy(tile, samples);
-  const auto decoded = coder_->decode(tile.key, tile.payload, from, samples);
+  const auto decoded = coder_->decode(tile.source, tile.payload, from, samples);
   SLF_TRY(unchanged());  // not the codec's fault
   if (!decoded)
-    return fail(decoded.error().code, path(), ": tile ", int{tile.key.level}, "/", tile.key.index,
-                ": ", decoded.error().message, "; drop the damaged tile and build it again");
+    return fail(decoded.error().code, place(tile.source), ": ", decoded.error().message,
+                "; drop the damaged tile and build it again");
   return {};
 }
 
@@ -124,7 +147,7 @@ Result<FieldContent> FieldFile::content() const {
     LevelContent& at = content.levels.emplace_back();
     at.level = level;
     at.tiles = shape().tiles(level);
-    at.slabs = shape().slabs(level);
+    at.slabs = shape().states * shape().slabs(level);
   }
   if (manifest_.part) {
     content.complete = SLF_TRY(part_is_complete());
@@ -135,10 +158,10 @@ Result<FieldContent> FieldFile::content() const {
     LevelContent& at = content.levels[s.level];
     at.payload_bytes = s.payload_bytes;
     content.payload_bytes += s.payload_bytes;
-    at.stored = s.stored, at.empty = s.empty;
+    at.stored = s.stored, at.empty = s.empty, at.same = s.same;
   }
   for (const LevelContent& at : content.levels)
-    if (!manifest_.part && at.stored + at.empty != at.tiles) content.complete = false;
+    if (!manifest_.part && at.stored + at.empty + at.same != at.tiles) content.complete = false;
   return content;
 }
 
@@ -155,6 +178,7 @@ Result<bool> FieldFile::part_is_complete() const {
 }
 
 Result<ByteSpan> FieldFile::light() const {
+  if (state_ > 0) return ByteSpan();  // that of the first state is kept
   const auto kept = SLF_TRY(store_.has_blob(kLightBlob));
   return kept ? store_.blob(kLightBlob) : Result<ByteSpan>();
 }
@@ -172,10 +196,54 @@ const FieldShape& Field::shape() const { return file_->shape(); }
 SampleFormat Field::format() const { return file_->format(); }
 const std::string& Field::codec() const { return file_->manifest().codec; }
 std::optional<TileRange> Field::part() const { return file_->manifest().part; }
-std::string Field::provenance() const { return file_->manifest().provenance->dump(); }
+std::string Field::provenance() const {
+  OwnedJson own = file_->manifest().provenance_of(file_->state());
+  if (!structures_ || structures_->empty()) return own->dump();
+  // Parts of one volume, together, are some of its labels.
+  std::set<std::int64_t> labels;
+  for (const Structure& one : *structures_) {
+    const FieldFile& file = one.field.file();
+    const OwnedJson part = file.manifest().provenance_of(file.state());
+    const auto only = part->find("structures");
+    if (only == part->end() || !only->is_object() || !only->contains("only")) return own->dump();
+    for (const nlohmann::json& id : (*only)["only"])
+      if (id.is_number_integer()) labels.insert(id.get<std::int64_t>());
+  }
+  (*own)["structures"]["only"] = labels;
+  return own->dump();
+}
+unsigned Field::state() const { return file_->state(); }
+std::vector<std::string> Field::states() const {
+  std::vector<std::string> names;
+  for (const Manifest::State& state : file_->manifest().states) names.push_back(state.name);
+  return names;
+}
+Result<Field> Field::in_state(unsigned state) const {
+  if (const std::size_t count = std::max<std::size_t>(1, states().size()); state >= count)
+    return fail_without("state", ErrorCode::usage, path(), ": has no state ", state,
+                        count > 1 ? "; its states are 0 to " : "; it has one state, ", count - 1);
+  return guarded([&] { return file_->in_state(state); }).map([](auto file) {
+    return Field(std::move(file));
+  });
+}
+Result<Field> Field::in_state(const std::string& name) const {
+  const std::vector<std::string> names = states();
+  const auto named = std::find(names.begin(), names.end(), name);
+  if (named != names.end()) return in_state(static_cast<unsigned>(named - names.begin()));
+  std::string listed;
+  for (const std::string& known : names) {
+    listed += (listed.empty() ? "" : ", ") + known;
+    if (listed.size() > 200) listed += ", …";
+    if (listed.size() > 200) break;
+  }
+  return fail_without(
+      "state", ErrorCode::usage, path(), ": has no state '", name, "'",
+      names.empty() ? "; it has just one, without a name" : "; its states are: ", listed);
+}
 bool Field::linear() const {
   const nlohmann::json none;
-  const nlohmann::json light = file_->manifest().provenance->value("lighting", none);
+  const OwnedJson own = file_->manifest().provenance_of(file_->state());
+  const nlohmann::json light = own->value("lighting", none);
   if (!light.is_object() || light.value("linear", none) != true) return false;
   const nlohmann::json mode = light.value("mode", none);
   return mode == "shadowed" || mode == "global";

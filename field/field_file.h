@@ -36,15 +36,37 @@ struct FoundTile {
 /// Without those that could not be found or read: a second attempt tells why.
 using FoundTiles = std::unordered_map<TileKey, FoundTile, TileKeyHash>;
 
+/// What is said of a field that cannot be written anew yet.
+inline constexpr const char* kSeveralStates = ": has several states, which cannot be copied yet";
+
 /// The open container of a field. A Field is a handle to one. The file is untrusted.
 /// Thread-safety: all const members may be called from many threads.
 class FieldFile {
  public:
-  /// Errors of Field::open(). An incomplete field opens: what was never built is reported as
-  /// missing.
+  static constexpr unsigned kAllStates = ~0u;
+
+  /// The first state of a field. Errors of Field::open(). An incomplete field opens: what was never
+  /// built is reported as missing.
   [[nodiscard]] static Result<std::shared_ptr<const FieldFile>> open(const std::string& path);
   /// The same with a container that is open.
-  [[nodiscard]] static Result<std::shared_ptr<const FieldFile>> open(storage::TileStore store);
+  [[nodiscard]] static Result<std::shared_ptr<const FieldFile>> open(storage::TileStore store) {
+    return open(store, 0);
+  }
+  /// All states, whose tiles have their keys in the file.
+  [[nodiscard]] static Result<std::shared_ptr<const FieldFile>> whole(const std::string& path);
+  [[nodiscard]] static Result<std::shared_ptr<const FieldFile>> whole(storage::TileStore store) {
+    return open(store, kAllStates);
+  }
+  /// Another state, or kAllStates, of the same snapshot. To all that reads it, a state is a field
+  /// of its own. REQUIRES: otherwise state < max(1, manifest().states.size()).
+  [[nodiscard]] Result<std::shared_ptr<const FieldFile>> in_state(unsigned state) const {
+    return open(store_, state);
+  }
+
+  /// The state that this shows; 0 if it shows all.
+  [[nodiscard]] unsigned state() const { return state_; }
+  /// Whether the field can have a tile, of any state.
+  [[nodiscard]] bool can_have(TileKey key) const;
 
   [[nodiscard]] const std::string& path() const { return store_.path(); }
   [[nodiscard]] const Manifest& manifest() const { return manifest_; }
@@ -66,6 +88,8 @@ class FieldFile {
   [[nodiscard]] const TileCoder& coder() const { return *coder_; }
   /// The shape of a tile. REQUIRES: a key of this field.
   [[nodiscard]] TileShape tile_shape(TileKey key) const { return coder_->tile_shape(key); }
+  /// For messages: the path, the tile, and its state if the field has several.
+  [[nodiscard]] std::string place(TileKey key) const;
 
   /// Decodes a stored tile, whose payload TileStore::check() has accepted, into exactly
   /// tile_shape().bytes() bytes. `from`: the samples of its references(). Code that needs samples
@@ -102,6 +126,9 @@ class FieldFile {
   FieldFile(storage::TileStore store, Manifest manifest)
       : store_(std::move(store)), manifest_(std::move(manifest)) {}
 
+  [[nodiscard]] static Result<std::shared_ptr<const FieldFile>> open(
+      const storage::TileStore& store, unsigned state);
+
   void read_reference_index();
   /// Advises tiles and all that they are predicted from, by the index of a remote file.
   void advise_together(std::vector<storage::TileRef> tiles) const;
@@ -110,6 +137,7 @@ class FieldFile {
 
   storage::TileStore store_;
   Manifest manifest_;
+  unsigned state_ = 0;
   std::unique_ptr<codec::Codec> codec_;
   std::optional<TileCoder> coder_;               // from open() on
   std::vector<ReferenceIndex> reference_index_;  // [level - 1]; the levels in a remote file's index

@@ -22,6 +22,8 @@ constexpr unsigned kMaxPredictedLevels = 6;
 
 /// A required feature: tiles that are predicted from coarser ones.
 constexpr const char* kPredictive = "predictive";
+/// Another: several states, some of whose tiles are the same.
+constexpr const char* kStates = "states";
 
 /// Reads members of untrusted JSON. Records the first error and its place.
 class Reader {
@@ -82,7 +84,7 @@ Result<void> check_version(Reader& in, const std::string& file) {
         major > Manifest::kMajor ? "; update slf" : "; slf 0.2 or older wrote it: build it anew");
   const auto* required = in.find("/required");
   const auto known_feature = [](const nlohmann::json& feature) {
-    return feature.is_string() && feature.get_ref<const std::string&>() == kPredictive;
+    return feature == kPredictive || feature == kStates;
   };
   if (required && !required->is_array())
     in.problem("/required", "is not an array");
@@ -114,6 +116,23 @@ FieldShape read_shape(Reader& in, const nlohmann::json& json) {
   return shape;
 }
 
+std::vector<Manifest::State> read_states(Reader& in, const nlohmann::json& json) {
+  std::vector<Manifest::State> states;
+  if (!json.is_array() || json.size() < 2 || json.size() > kMaxStates)
+    return in.problem("/states", "is not an array of 2 to " + std::to_string(kMaxStates)), states;
+  for (const nlohmann::json& one : json) {
+    const std::string at = "/states/" + std::to_string(states.size());
+    Manifest::State& state = states.emplace_back();
+    state.name = in.text(at + "/name");
+    if (state.name.empty()) in.problem(at + "/name", "is empty");
+    state.provenance = nlohmann::json::object();
+    if (!one.is_object() || !one.contains("provenance")) continue;
+    if (!one["provenance"].is_object()) in.problem(at + "/provenance", "is not an object");
+    state.provenance = one["provenance"];
+  }
+  return states;
+}
+
 SampleFormat read_format(Reader& in) {
   const std::string format = in.text("/format");
   for (const SampleFormat known : kFormats)
@@ -133,6 +152,12 @@ OwnedJson Manifest::to_json() const {
   all["slf"]["minor"] = 0;
   all["required"] = json::array();
   if (codec::is_predictive(codec)) all["required"].push_back(kPredictive);
+  if (!states.empty()) all["required"].push_back(kStates);
+  for (const State& state : states) {
+    json& one = all["states"].emplace_back();
+    one["name"] = state.name;
+    if (!state.provenance->empty()) one["provenance"] = *state.provenance;
+  }
   all["sphere"] = json::object();
   all["sphere"]["center"] = json::array();
   for (int axis = 0; axis < 3; ++axis) all["sphere"]["center"].push_back(shape.sphere.center[axis]);
@@ -154,6 +179,12 @@ OwnedJson Manifest::to_json() const {
     all["part"][name].push_back(key.index);
   }
   return owned;
+}
+
+OwnedJson Manifest::provenance_of(unsigned state) const {
+  OwnedJson own = *provenance;
+  if (state < states.size()) own->merge_patch(*states[state].provenance);
+  return own;
 }
 
 std::uint64_t Manifest::tiles(unsigned level) const {
@@ -190,6 +221,8 @@ Result<Manifest> Manifest::parse(std::string_view text, const std::string& file)
     manifest.part = {in.key("/part/begin"), in.key("/part/end")};
     if (manifest.part->end < manifest.part->begin) in.problem("/part/end", "is before /part/begin");
   }
+  if (json.contains("states")) manifest.states = read_states(in, json["states"]);
+  manifest.shape.states = std::max<unsigned>(1, static_cast<unsigned>(manifest.states.size()));
   manifest.format = read_format(in);
   manifest.codec = in.text("/codec");
   if (json.contains("provenance") && !json["provenance"].is_object())

@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "base/owned_json.h"
 #include "slf/error.h"
@@ -20,8 +21,14 @@ struct Manifest {
   /// filtered() says what its absence means.
   std::optional<unsigned> filtered_levels;
   SampleFormat format = SampleFormat::rgba8;
-  std::string codec;              ///< specification, such as "jpeg:75"
-  OwnedJson provenance;           ///< of the scene; free form
+  std::string codec;     ///< specification, such as "jpeg:75"
+  OwnedJson provenance;  ///< of the scene; free form
+  /// The states, if the field has several.
+  struct State {
+    std::string name;
+    OwnedJson provenance;  ///< what differs from that of the first: a merge patch (RFC 7386)
+  };
+  std::vector<State> states;
   std::optional<TileRange> part;  ///< the tiles of this file, if it is a part of a field
 
   /// Whether the samples of a level are means of rays. If filtered_levels is absent, all levels but
@@ -31,6 +38,8 @@ struct Manifest {
   }
 
   [[nodiscard]] OwnedJson to_json() const;
+  /// The provenance of a state. REQUIRES: it is 0, or below states.size().
+  [[nodiscard]] OwnedJson provenance_of(unsigned state) const;
 
   /// Whether a tile belongs to the field, and to its part if this is one.
   [[nodiscard]] bool holds(TileKey key) const {

@@ -20,7 +20,7 @@ struct TileCoder::Relation {
         finer(coder.geometries_(key.level)),
         sections(sections_of(key, coder.shape_.entry_extra_levels)),
         rows(find_references(coarser, finer, sections.entry.index)),
-        candidates(coarser, rows, sections) {}
+        candidates(coarser, rows, sections, state_of(key)) {}
 
   /// Predicts the tile, and calls `code` with that. Colours of half floats are converted.
   template <class Code>

@@ -93,6 +93,13 @@ Result<Bytes> RangedStore::section(std::uint32_t id) const {
 }
 
 Result<RangedTile> RangedStore::find(TileKey key) {
+  auto tile = SLF_TRY(find_own(key));
+  if (tile.state != TileState::same) return tile;
+  tile = SLF_TRY(find_own(tile.source));
+  return tile.state == TileState::stored ? tile : RangedTile{};
+}
+
+Result<RangedTile> RangedStore::find_own(TileKey key) {
   SLF_TRY(load_section(key.level));
   std::uint64_t value = 0;
   const auto found = SLF_TRY(trees_.find(key, &value));
@@ -100,7 +107,8 @@ Result<RangedTile> RangedStore::find(TileKey key) {
   const internal::Record& record = *found;
   const internal::Tile tile =
       record.tile(static_cast<std::uint32_t>(key.index - record.first().index));
-  RangedTile result{tile.state, {}, tile.checksum};
+  RangedTile result{
+      tile.state, {}, tile.checksum, {key.level, key.index - (tile.back << kStateBit)}};
   if (tile.state == TileState::stored)
     result.payload = {value + tile.offset, value + tile.offset + tile.size};
   return result;

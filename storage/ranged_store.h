@@ -31,6 +31,7 @@ struct RangedTile {
   TileState state = TileState::missing;
   FileRange payload;
   std::uint64_t checksum = 0;
+  TileKey source{};  ///< as TileRef::source
 };
 
 /// The file is untrusted, as for TileStore. Thread-safety: none; one thread.
@@ -61,7 +62,8 @@ class RangedStore {
   /// is none.
   [[nodiscard]] Result<Bytes> section(std::uint32_t id) const;
 
-  /// As TileStore::find().
+  /// As TileStore::find(), with the keys of all states. A tile that is the same as an earlier one
+  /// is found stored, or missing if that is not stored.
   [[nodiscard]] Result<RangedTile> find(TileKey key);
 
  private:
@@ -73,6 +75,7 @@ class RangedStore {
     mutable std::vector<FileRange> needed;
   };
 
+  [[nodiscard]] Result<RangedTile> find_own(TileKey key);
   [[nodiscard]] Result<void> load_section(std::uint32_t id);
   [[nodiscard]] const internal::IndexSection* find_section(std::uint32_t id) const;
 

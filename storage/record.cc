@@ -10,25 +10,48 @@
 namespace slf::storage::internal {
 namespace {
 
-constexpr std::uint32_t kRecordMagic = 0x32524C53;  // "SLR2"
+constexpr std::uint32_t kRecordMagic = 0x32524C53;    // "SLR2"
+constexpr std::uint32_t kWithSameMagic = 0x33524C53;  // "SLR3"
 constexpr std::uint64_t kEmpty = 0;
 constexpr std::uint64_t kMissing = 1;
+constexpr std::uint64_t kSame = 2;   ///< if the record has such tiles: how many states back follows
 constexpr std::size_t kMaxCode = 5;  ///< bytes of the longest code, that of kMaxPayload + 1
 
 tl::unexpected<Error> damaged_record(const char* what) {
   return tl::unexpected(Error{ErrorCode::bad_file, what});
 }
 
-std::uint64_t code_of(const Tile& tile) {
+std::uint64_t code_of(const Tile& tile, bool has_same) {
   switch (tile.state) {
     case TileState::empty:
       return kEmpty;
     case TileState::missing:
       return kMissing;
+    case TileState::same:
+      return kSame;
     case TileState::stored:
-      return tile.payload.size() + 1;
+      return tile.payload.size() + (has_same ? 2 : 1);
   }
   return kMissing;
+}
+
+/// Takes the code of a tile from a table: its state, `size` and `back`. None: it is damaged.
+std::optional<Tile> take_code(ByteSpan& table, bool has_same) {
+  const auto code = take_varint(table);
+  if (!code) return std::nullopt;
+  Tile tile;
+  if (*code == kEmpty) tile.state = TileState::empty;
+  if (*code <= kMissing) return tile;
+  if (!has_same || *code != kSame) {
+    tile.state = TileState::stored;
+    tile.size = *code - (has_same ? 2 : 1);
+    return tile;
+  }
+  const auto back = take_varint(table);
+  if (!back || *back == 0 || *back >= kMaxStates) return std::nullopt;
+  tile.state = TileState::same;
+  tile.back = *back;
+  return tile;
 }
 
 }  // namespace
@@ -49,7 +72,10 @@ std::optional<TileKey> decode_key(ByteSpan bytes) {
   return TileKey{static_cast<std::uint8_t>(bytes[0]), load_be<std::uint64_t>(bytes.data() + 1)};
 }
 
-std::size_t code_bytes(std::uint64_t size) { return varint_bytes(size == 0 ? kEmpty : size + 1); }
+std::size_t code_bytes(const Tile& tile) {
+  return varint_bytes(code_of(tile, false)) +
+         (tile.state == TileState::same ? varint_bytes(tile.back) : 0);
+}
 
 std::uint64_t Record::table_end(ByteSpan start) {
   return align8(kRecordHeader + load_le<std::uint16_t>(start.data() + 34)) +
@@ -59,8 +85,10 @@ std::uint64_t Record::table_end(ByteSpan start) {
 Result<Record> Record::parse(ByteSpan value, std::uint64_t size) {
   if (value.size() < kRecordHeader) return damaged_record("the record is shorter than its header");
   const std::byte* head = value.data();
-  if (load_le<std::uint32_t>(head + 8) != kRecordMagic) return damaged_record("no tile record");
+  const auto magic = load_le<std::uint32_t>(head + 8);
+  if (magic != kRecordMagic && magic != kWithSameMagic) return damaged_record("no tile record");
   Record record;
+  record.has_same_ = magic == kWithSameMagic;
   record.value_ = value;
   record.size_ = size;
   record.first_ = {static_cast<std::uint8_t>(head[12]), load_le<std::uint64_t>(head + 16)};
@@ -86,14 +114,15 @@ Result<Record> Record::parse(ByteSpan value, std::uint64_t size) {
   std::uint32_t stored = 0;
   std::uint64_t payload = record.payloads_;
   for (std::uint32_t i = 0; i < record.count_; ++i) {
-    const auto code = take_varint(table);
-    if (!code) return damaged_record("the record's table is damaged");
-    if (*code <= kMissing) continue;
+    const auto tile = take_code(table, record.has_same_);
+    if (!tile || tile->back > state_of(record.first_))
+      return damaged_record("the record's table is damaged");
+    if (tile->state != TileState::stored) continue;
     ++stored;
     payload = align8(payload);
-    if (payload > size || *code - 1 > size - payload)
+    if (payload > size || tile->size > size - payload)
       return damaged_record("a payload leaves the record");
-    payload += *code - 1;
+    payload += tile->size;
   }
   if (!table.empty() || stored != record.stored_)
     return damaged_record("the record's table is damaged");
@@ -109,23 +138,19 @@ Record::Walk::Walk(const Record& record)
 bool Record::Walk::next() {
   if (position_ == record_->count_) return false;
   ++position_;
-  tile_ = {};
   const ByteSpan value = record_->value_;
-  const std::uint64_t code = take_varint(table_).value_or(kMissing);
-  if (code == kMissing) return true;
-  if (code == kEmpty) {
-    tile_.state = TileState::empty;
-    return true;
-  }
+  tile_ = take_code(table_, record_->has_same_).value_or(Tile());
+  if (tile_.state != TileState::stored) return true;
   payload_ = align8(payload_);
   const std::uint64_t size = record_->size_;
-  if (stored_ == record_->stored_ || payload_ > size || code - 1 > size - payload_) return true;
-  tile_.state = TileState::stored;
+  if (stored_ == record_->stored_ || payload_ > size || tile_.size > size - payload_) {
+    tile_ = {};
+    return true;
+  }
   tile_.offset = payload_;
-  tile_.size = code - 1;
-  if (value.size() == size) tile_.payload = value.subspan(payload_, code - 1);
+  if (value.size() == size) tile_.payload = value.subspan(payload_, tile_.size);
   tile_.checksum = load_le<std::uint64_t>(value.data() + record_->checksums_ + 8 * stored_);
-  payload_ += code - 1;
+  payload_ += tile_.size;
   ++stored_;
   return true;
 }
@@ -143,8 +168,11 @@ Bytes encode_record_head(std::optional<TileKey> previous, TileKey first,
   Bytes head(kRecordHeader);
   head.reserve(kRecordHeader + (kMaxCode + 8) * tiles.size());
   std::size_t stored = 0;
+  const bool has_same = std::any_of(tiles.begin(), tiles.end(),
+                                    [](const Tile& tile) { return tile.state == TileState::same; });
   for (const Tile& tile : tiles) {
-    append_varint(head, code_of(tile));
+    append_varint(head, code_of(tile, has_same));
+    if (tile.state == TileState::same) append_varint(head, tile.back);
     if (tile.state == TileState::stored) ++stored;
   }
   const std::size_t codes = head.size() - kRecordHeader;
@@ -153,7 +181,7 @@ Bytes encode_record_head(std::optional<TileKey> previous, TileKey first,
     if (tile.state == TileState::stored) append_le<std::uint64_t>(head, tile.checksum);
 
   std::byte* at = head.data();
-  store_le<std::uint32_t>(at + 8, kRecordMagic);
+  store_le<std::uint32_t>(at + 8, has_same ? kWithSameMagic : kRecordMagic);
   at[12] = static_cast<std::byte>(first.level);
   at[13] = static_cast<std::byte>(previous ? previous->level : kNoLevel);
   store_le<std::uint16_t>(at + 14, static_cast<std::uint16_t>(tiles.size()));

@@ -48,7 +48,7 @@ void RecordBuilder::append(NewTile tile, std::vector<CompleteRecord>& out) {
   }
   const std::uint64_t skipped =
       pending_.empty() ? 0 : tile.key.index - pending_.back().key.index - 1;
-  code_bytes_ += skipped + code_bytes(tile.payload.bytes().size());
+  code_bytes_ += skipped + code_bytes({tile.state, tile.payload.bytes(), 0, 0, 0, tile.back});
   stored_ += tile.payload.bytes().empty() ? 0 : 1;
   payload_bytes_ += align8(tile.payload.bytes().size());
   tile.record_bytes = align8(kRecordHeader + code_bytes_) + 8 * stored_ + payload_bytes_;
@@ -92,6 +92,7 @@ void RecordBuilder::end_record(std::size_t tiles, std::vector<CompleteRecord>& o
     NewTile& pending = pending_[i];
     Tile& tile = table[pending.key.index - first.index];
     tile.state = pending.state;
+    tile.back = pending.back;
     tile.payload = pending.payload.bytes();
     if (tile.payload.empty()) continue;
     tile.checksum =

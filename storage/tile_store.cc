@@ -25,7 +25,7 @@ struct TileStore::State {
 
   static Result<TileStore> make(Result<std::unique_ptr<Snapshot>> snapshot) {
     if (!snapshot) return tl::unexpected(std::move(snapshot.error()));
-    auto state = std::make_unique<State>();
+    auto state = std::make_shared<State>();
     state->snapshot = std::move(*snapshot);
     return TileStore(std::move(state));
   }
@@ -39,9 +39,15 @@ TileKey after(TileKey key) {
   return key;
 }
 
-TileRef tile_ref(const Record& record, std::uint32_t position, const internal::Tile& tile) {
-  const TileKey key{record.first().level, record.first().index + position};
-  return {tile.state, key, tile.payload, tile.checksum};
+// `first`: TileStore::first_.
+TileRef tile_ref(const Record& record, std::uint32_t position, const internal::Tile& tile,
+                 std::uint64_t first) {
+  const TileKey key{record.first().level, record.first().index + position - first};
+  return {tile.state,
+          key,
+          tile.payload,
+          tile.checksum,
+          {key.level, key.index - (tile.back << kStateBit)}};
 }
 
 // Walks the records from a key on, and accounts for every key. Reports as damage the keys of
@@ -91,8 +97,7 @@ class RecordWalk {
   bool report(TileKey last, const Damaged& damaged) {
     if (!cause_) cause_ = Error{ErrorCode::bad_file, snapshot_.path() + ": records are lost"};
     Damage damage{std::move(*cause_), next_, last};
-    damage.message += "; tiles " + std::to_string(next_.level) + "/" + std::to_string(next_.index) +
-                      " to " + std::to_string(last.level) + "/" + std::to_string(last.index);
+    damage.message += "; tiles " + name(next_) + " to " + name(last);
     cause_.reset();
     next_ = after(last);
     return damaged(damage);
@@ -114,7 +119,13 @@ void advise_all(const Snapshot& snapshot, std::span<const TileRef> tiles, int ad
 
 }  // namespace
 
-TileStore::TileStore(std::unique_ptr<State> state) : state_(std::move(state)) {}
+std::string name(TileKey key) {
+  const std::uint64_t state = state_of(key);
+  return std::to_string(key.level) + "/" + std::to_string(slf::in_state(key, 0).index) +
+         (state > 0 ? " of state " + std::to_string(state) : "");
+}
+
+TileStore::TileStore(std::shared_ptr<State> state) : state_(std::move(state)) {}
 TileStore::TileStore(TileStore&&) noexcept = default;
 TileStore& TileStore::operator=(TileStore&&) noexcept = default;
 TileStore::~TileStore() = default;
@@ -124,6 +135,27 @@ Result<TileStore> TileStore::open(const std::string& path) {
 }
 Result<TileStore> TileStore::open(std::shared_ptr<RangeSource> source) {
   return State::make(Snapshot::open(std::move(source)));
+}
+
+std::vector<TileRange> TileStore::in_file(const TileRange& keys) const {
+  if (!one_state_) return {keys};
+  std::vector<TileRange> ranges;
+  const auto& last = state_->snapshot->container().last;
+  const int levels = last ? std::min(last->level, keys.end.level) + 1 : 0;
+  for (int level = keys.begin.level; level < levels; ++level) {
+    const TileKey first{static_cast<std::uint8_t>(level), 0};
+    const TileKey begin = std::max(keys.begin, first);
+    const TileKey end = std::min(keys.end, slf::in_state(first, 1));
+    if (begin < end) ranges.push_back({in_file(begin), in_file(end)});
+  }
+  return ranges;
+}
+
+TileStore TileStore::in_state(unsigned state) const {
+  TileStore shown(state_);
+  shown.first_ = std::uint64_t{state} << kStateBit;
+  shown.one_state_ = true;
+  return shown;
 }
 
 const std::string& TileStore::path() const { return state_->snapshot->path(); }
@@ -145,37 +177,68 @@ Bytes TileStore::section(std::uint32_t id) const { return state_->snapshot->sect
 
 namespace {
 
-TileRef tile_of(const std::optional<Record>& record, TileKey key) {
-  if (!record) return {TileState::missing, key, {}, 0};
-  const auto position = static_cast<std::uint32_t>(key.index - record->first().index);
-  return tile_ref(*record, position, record->tile(position));
+TileRef tile_of(const std::optional<Record>& record, TileKey in_file, std::uint64_t first) {
+  if (!record) return {TileState::missing, {in_file.level, in_file.index - first}};
+  const auto position = static_cast<std::uint32_t>(in_file.index - record->first().index);
+  return tile_ref(*record, position, record->tile(position), first);
+}
+
+// A tile that is the same as `source`.
+Result<TileRef> same_as(Result<TileRef> source, TileKey key) {
+  if (source && source->state != TileState::stored) return TileRef{TileState::missing, key};
+  if (source) source->key = key;
+  return source;
 }
 
 }  // namespace
 
+Result<TileRef> TileStore::find_own(TileKey key) const {
+  const auto record = SLF_TRY(state_->snapshot->find(in_file(key)));
+  return tile_of(record, in_file(key), first_);
+}
+
 Result<TileRef> TileStore::find(TileKey key) const {
-  auto record = SLF_TRY(state_->snapshot->find(key));
-  const TileRef tile = tile_of(record, key);
+  auto tile = SLF_TRY(find_own(key));
+  if (tile.state == TileState::same) tile = SLF_TRY(same_as(find_own(tile.source), key));
   SLF_TRY(state_->snapshot->unchanged());
   return tile;
 }
 
 std::vector<Result<TileRef>> TileStore::find_all(std::span<const TileKey> keys) const {
+  auto tiles = find_own(keys);
+  std::vector<std::size_t> same;
+  std::vector<TileKey> sources;
+  for (std::size_t k = 0; k < tiles.size(); ++k)
+    if (tiles[k] && tiles[k]->state == TileState::same) {
+      same.push_back(k);
+      sources.push_back(tiles[k]->source);
+    }
+  if (!same.empty()) {
+    auto found = find_own(sources);
+    for (std::size_t i = 0; i < same.size(); ++i)
+      tiles[same[i]] = same_as(std::move(found[i]), keys[same[i]]);
+  }
+  if (auto unchanged = state_->snapshot->unchanged(); !unchanged)
+    for (auto& tile : tiles) tile = tl::unexpected(unchanged.error());
+  return tiles;
+}
+
+std::vector<Result<TileRef>> TileStore::find_own(std::span<const TileKey> keys) const {
   std::vector<Result<TileRef>> tiles(keys.size());
   std::vector<std::size_t> order(keys.size());
   std::iota(order.begin(), order.end(), std::size_t{0});
   std::sort(order.begin(), order.end(),
-            [&](std::size_t a, std::size_t b) { return keys[a] < keys[b]; });
+            [&](std::size_t a, std::size_t b) { return in_file(keys[a]) < in_file(keys[b]); });
   const Snapshot& snapshot = *state_->snapshot;
   std::vector<internal::RecordKey> sorted;
   sorted.reserve(keys.size());
-  for (const std::size_t k : order) sorted.push_back(internal::encode_key(keys[k]));
+  for (const std::size_t k : order) sorted.push_back(internal::encode_key(in_file(keys[k])));
   internal::prefetch_records(snapshot.pages(), snapshot.tiles(), sorted);
 
   std::optional<Record> record;      // that of the previous tile, and mostly of the next one
   std::optional<Record::Walk> walk;  // of `record`, at the previous tile or after it
   for (const std::size_t k : order) {
-    const TileKey key = keys[k];
+    const TileKey key = in_file(keys[k]);
     if (!record || key < record->first() || key > record->last()) {
       auto found = snapshot.find(key);
       record.reset();
@@ -189,15 +252,13 @@ std::vector<Result<TileRef>> TileStore::find_all(std::span<const TileKey> keys) 
       if (record) (void)walk->next();
     }
     if (!record) {
-      tiles[k] = TileRef{TileState::missing, key, {}, 0};
+      tiles[k] = TileRef{TileState::missing, keys[k]};
       continue;
     }
     const auto position = static_cast<std::uint32_t>(key.index - record->first().index);
     while (walk->position() < position) (void)walk->next();
-    tiles[k] = tile_ref(*record, position, walk->tile());
+    tiles[k] = tile_ref(*record, position, walk->tile(), first_);
   }
-  if (auto same = snapshot.unchanged(); !same)
-    for (auto& tile : tiles) tile = tl::unexpected(same.error());
   return tiles;
 }
 
@@ -212,10 +273,10 @@ Result<void> TileStore::check(const TileRef& tile) const {
 
 Result<void> TileStore::verify(const TileRef& tile) const {
   if (tile.state != TileState::stored) return {};
-  const bool good = payload_checksum(tile.key, tile.payload) == tile.checksum;
+  const bool good = payload_checksum(in_file(tile.source), tile.payload) == tile.checksum;
   SLF_TRY(state_->snapshot->unchanged());
   if (good) return {};
-  return fail(ErrorCode::bad_file, path(), ": tile ", int{tile.key.level}, "/", tile.key.index,
+  return fail(ErrorCode::bad_file, path(), ": tile ", name(in_file(tile.source)),
               ": the payload of ", tile.payload.size(), " bytes does not match its checksum");
 }
 
@@ -251,15 +312,20 @@ Result<std::vector<std::uint64_t>> TileStore::pages(std::span<const TileKey> key
     for (std::uint64_t page = begin / size; page * size < begin + bytes.size(); ++page)
       pages.push_back(page);
   };
-  for (const TileKey& key : keys) {
+  const auto add_tile = [&](TileKey key) -> Result<TileRef> {
     Cursor cursor(snapshot.pages(), snapshot.tiles());
     if (const auto found = cursor.seek(internal::encode_key(key)); found && *found) {
       cursor.path(pages);
       add(internal::record_head(snapshot.pages(), cursor.leaf(), cursor.index()));
     }
     const auto record = SLF_TRY(snapshot.find(key));
-    if (!record) continue;
-    add(tile_of(record, key).payload);
+    const TileRef tile = tile_of(record, key, 0);
+    add(tile.payload);
+    return tile;
+  };
+  for (const TileKey& key : keys) {
+    const auto tile = SLF_TRY(add_tile(in_file(key)));
+    if (tile.state == TileState::same) SLF_TRY(add_tile(tile.source));
   }
   sort_unique(pages);
   return pages;
@@ -272,21 +338,30 @@ Result<void> TileStore::visit(TileKey from, TileKey to, const Visitor& visitor,
   const auto visit_record = [&](const Record& record) {
     if (++records % Snapshot::kReleaseEvery == 0) release_all();
     for (Record::Walk walk(record); result && walk.next();) {
-      const TileRef tile = tile_ref(record, walk.position(), walk.tile());
-      if (tile.state == TileState::missing || tile.key < from || tile.key >= to) continue;
-      if (result = state_->snapshot->unchanged(); result) result = visitor(tile);
+      Result<TileRef> tile = tile_ref(record, walk.position(), walk.tile(), first_);
+      const TileKey key = tile->key;
+      if (key < from || key >= to) continue;
+      if (one_state_ && tile->state == TileState::same) tile = same_as(find_own(tile->source), key);
+      if (tile && tile->state == TileState::missing) continue;
+      if (!tile && damaged && tile.error().code == ErrorCode::bad_file) {
+        damaged({tile.error(), key, key});
+        continue;
+      }
+      if (result = tile.map([](const TileRef&) {}); !result) break;
+      if (result = state_->snapshot->unchanged(); result) result = visitor(*tile);
     }
     return result.has_value();
   };
   const auto on_damage = [&](const Damage& damage) {
     if (result = state_->snapshot->unchanged(); !result) return false;
     if (damaged)
-      damaged(damage);
+      damaged({damage, shown(damage.first), shown(damage.last)});
     else
       result = tl::unexpected(static_cast<const Error&>(damage));
     return result.has_value();
   };
-  if (from < to) RecordWalk(*state_->snapshot, from, to).run(visit_record, on_damage);
+  for (const TileRange& range : in_file({from, to}))
+    if (result) RecordWalk(*state_->snapshot, range.begin, range.end).run(visit_record, on_damage);
   if (result) result = state_->snapshot->unchanged();
   return result;
 }
@@ -305,6 +380,7 @@ Result<std::vector<LevelStatistics>> TileStore::statistics() const {
     for (Record::Walk walk(record); walk.next();) {
       level.stored += walk.tile().state == TileState::stored ? 1 : 0;
       level.empty += walk.tile().state == TileState::empty ? 1 : 0;
+      level.same += walk.tile().state == TileState::same ? 1 : 0;
       level.payload_bytes += walk.tile().payload.size();
     }
     return true;
@@ -313,7 +389,8 @@ Result<std::vector<LevelStatistics>> TileStore::statistics() const {
     result = tl::unexpected(static_cast<const Error&>(damage));
     return false;
   };
-  RecordWalk(*state_->snapshot, {}, {internal::kNoLevel, 0}).run(count, stop);
+  for (const TileRange& range : in_file({{}, {internal::kNoLevel, 0}}))
+    if (result) RecordWalk(*state_->snapshot, range.begin, range.end).run(count, stop);
   if (auto same = state_->snapshot->unchanged(); !same) result = std::move(same);
   if (!result) return tl::unexpected(std::move(result.error()));
   return levels;
@@ -322,17 +399,23 @@ Result<std::vector<LevelStatistics>> TileStore::statistics() const {
 Result<std::vector<TileRange>> TileStore::covered() const {
   std::vector<TileRange> ranges;
   std::uint64_t records = 0;
-  const auto add = [&](TileKey first, TileKey last) {
-    if (ranges.empty() || ranges.back().end < first) ranges.push_back({first, first});
-    ranges.back().end = std::max(ranges.back().end, after(last));
-    return true;
-  };
-  const auto add_record = [&](const Record& record) {
-    if (++records % Snapshot::kReleaseEvery == 0) release_all();
-    return add(record.first(), record.last());
-  };
-  RecordWalk(*state_->snapshot, {}, {internal::kNoLevel, 0})
-      .run(add_record, [&](const Damage& damage) { return add(damage.first, damage.last); });
+  for (const TileRange& own : in_file({{}, {internal::kNoLevel, 0}})) {
+    const auto add = [&](TileKey first, TileKey last) {
+      const TileKey begin = shown(std::max(first, own.begin));
+      const TileKey end = shown(std::min(after(last), own.end));
+      if (begin >= end) return true;
+      if (ranges.empty() || ranges.back().end < begin) ranges.push_back({begin, begin});
+      ranges.back().end = std::max(ranges.back().end, end);
+      return true;
+    };
+    const auto add_record = [&](const Record& record) {
+      if (++records % Snapshot::kReleaseEvery == 0) release_all();
+      return add(record.first(), record.last());
+    };
+    RecordWalk(*state_->snapshot, own.begin, own.end).run(add_record, [&](const Damage& damage) {
+      return add(damage.first, damage.last);
+    });
+  }
   SLF_TRY(state_->snapshot->unchanged());
   return ranges;
 }

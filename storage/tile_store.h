@@ -37,9 +37,13 @@ using slf::TileState;
 struct TileRef {
   TileState state = TileState::missing;
   TileKey key;
-  ByteSpan payload;
+  ByteSpan payload{};
   std::uint64_t checksum = 0;
+  TileKey source = key;  ///< the tile that has the payload, in an earlier state if it is the same
 };
+
+/// "LEVEL/INDEX", and its state unless that is the first.
+[[nodiscard]] std::string name(TileKey key);
 
 /// The checksum of a payload. It covers the key, so a payload in the wrong place does not match.
 [[nodiscard]] std::uint64_t payload_checksum(TileKey key, ByteSpan payload);
@@ -56,6 +60,7 @@ struct LevelStatistics {
   std::uint64_t records = 0;
   std::uint64_t stored = 0;         ///< tiles
   std::uint64_t empty = 0;          ///< tiles
+  std::uint64_t same = 0;           ///< tiles
   std::uint64_t payload_bytes = 0;  ///< sum of the payloads
   std::uint64_t record_bytes = 0;   ///< of the records, with tables and padding
 };
@@ -90,6 +95,13 @@ class TileStore {
   /// reads may fail with the errors of RangeSource::fetch(). Other errors as above.
   [[nodiscard]] static Result<TileStore> open(std::shared_ptr<RangeSource> source);
 
+  /// The same snapshot, showing one state of the tiles as if it were the first and only one: to
+  /// find(), its tiles have the keys of state 0, and those of other states a state relative to it,
+  /// modulo 2^14; visit() and all that counts go over its tiles only.
+  [[nodiscard]] TileStore in_state(unsigned state) const;
+  /// The same snapshot as open() shows it: all states.
+  [[nodiscard]] TileStore all_states() const { return TileStore(state_); }
+
   TileStore(TileStore&&) noexcept;
   TileStore& operator=(TileStore&&) noexcept;
   ~TileStore();
@@ -118,7 +130,9 @@ class TileStore {
   /// empty if there is none, or if the file is local.
   [[nodiscard]] Bytes section(std::uint32_t id) const;
 
-  /// Finds a tile by a B-tree descent and the record's table. Does not touch the payload.
+  /// Finds a tile by a B-tree descent and the record's table. Does not touch the payload. A tile
+  /// that is the same as one of an earlier state is found stored, with that `source`, or missing if
+  /// that is not stored.
   /// bad_file: a page on the path, or the record's table, is damaged.
   [[nodiscard]] Result<TileRef> find(TileKey key) const;
 
@@ -159,9 +173,11 @@ class TileStore {
   /// The start of the map, for comparison with mincore and smaps; file_bytes() long.
   [[nodiscard]] const std::byte* map() const;
 
-  /// Visits the tiles with keys in [from, to) in key order, except missing ones. Calls
-  /// `damaged` once for each damaged record, with the keys it should hold. Without `damaged` the
-  /// iteration stops with that error. An error of the visitor stops the iteration and is returned.
+  /// Visits the tiles with keys in [from, to) in key order, except missing ones. If all states are
+  /// shown, tiles that are the same as others are visited as such; otherwise as find() has them.
+  /// Calls `damaged` once for each damaged record, with the keys it should hold. Without `damaged`
+  /// the iteration stops with that error. An error of the visitor stops the iteration and is
+  /// returned.
   using Visitor = std::function<Result<void>(const TileRef&)>;
   using DamageVisitor = std::function<void(const Damage&)>;
   [[nodiscard]] Result<void> visit(TileKey from, TileKey to, const Visitor& visitor,
@@ -181,9 +197,19 @@ class TileStore {
 
  private:
   struct State;
-  explicit TileStore(std::unique_ptr<State> state);
+  explicit TileStore(std::shared_ptr<State> state);
   [[nodiscard]] Result<void> verify(const TileRef& tile) const;
-  std::unique_ptr<State> state_;
+  /// find() and find_all(), which do not give a tile the payload of the one that it is the same as.
+  [[nodiscard]] Result<TileRef> find_own(TileKey key) const;
+  [[nodiscard]] std::vector<Result<TileRef>> find_own(std::span<const TileKey> keys) const;
+  /// Keys as the file has them, and back. Of a range, those of the states that are shown.
+  [[nodiscard]] TileKey in_file(TileKey key) const { return {key.level, key.index + first_}; }
+  [[nodiscard]] TileKey shown(TileKey key) const { return {key.level, key.index - first_}; }
+  [[nodiscard]] std::vector<TileRange> in_file(const TileRange& keys) const;
+
+  std::shared_ptr<State> state_;
+  std::uint64_t first_ = 0;  ///< the index of the first tile of the state that is shown
+  bool one_state_ = false;
 };
 
 }  // namespace slf::storage

@@ -122,9 +122,7 @@ struct TileWriter::State {
     return {};
   }
 
-  [[nodiscard]] std::string place(TileKey key) const {
-    return path + ": tile " + std::to_string(key.level) + "/" + std::to_string(key.index);
-  }
+  [[nodiscard]] std::string place(TileKey key) const { return path + ": tile " + name(key); }
 
   // Pages freed by earlier commits may be reused if no reader has a snapshot older than the last.
   [[nodiscard]] Result<void> before_commit() {
@@ -165,7 +163,7 @@ struct TileWriter::State {
   }
 
   [[nodiscard]] tl::unexpected<Error> no_record(TileKey key) const {
-    return fail(ErrorCode::usage, path, ": no record holds tile ", int{key.level}, "/", key.index);
+    return fail(ErrorCode::usage, path, ": no record holds tile ", name(key));
   }
 
   [[nodiscard]] Result<Edit*> edit(TileKey key);
@@ -252,8 +250,15 @@ Result<void> TileWriter::append_missing(TileKey key) {
   return state_->append({key, TileState::missing});
 }
 
+Result<void> TileWriter::append_same(TileKey key, std::uint64_t back) {
+  if (back == 0 || back > state_of(key))
+    return fail(ErrorCode::usage, state_->place(key), ": the same as ", back, " states before");
+  return state_->append({key, TileState::same, {}, std::nullopt, back});
+}
+
 Result<void> TileWriter::append_view(const TileRef& tile) {
-  return state_->append({tile.key, tile.state, Payload(tile.payload), tile.checksum});
+  const std::uint64_t back = state_of(tile.key) - state_of(tile.source);
+  return state_->append({tile.key, tile.state, Payload(tile.payload), tile.checksum, back});
 }
 
 void TileWriter::copy_viewed_payloads() {
@@ -268,7 +273,7 @@ Result<void> TileWriter::State::append(internal::NewTile tile) {
   const auto last = builder.last();
   if (last && key <= *last)
     return fail(ErrorCode::usage, place(key), ": tiles are appended in key order; ",
-                "the last one was ", int{last->level}, "/", last->index);
+                "the last one was ", name(*last));
   if (key.level == internal::kNoLevel || bytes > internal::kMaxPayload)
     return fail(ErrorCode::usage, place(key), ": levels go up to 254, payloads up to ",
                 internal::kMaxPayload, " bytes; this one has ", bytes);
@@ -316,9 +321,11 @@ Result<void> TileWriter::publish(const std::string& to, Existing existing, const
   return published;
 }
 
-Result<void> TileWriter::replace(TileKey key, TileState tile_state, ByteSpan payload) {
+Result<void> TileWriter::replace(TileKey key, TileState tile_state, ByteSpan payload,
+                                 std::uint64_t back) {
   if (payload.empty() == (tile_state == TileState::stored) ||
-      payload.size() > internal::kMaxPayload)
+      payload.size() > internal::kMaxPayload || back > state_of(key) ||
+      (back > 0) != (tile_state == TileState::same))
     return fail(ErrorCode::usage, state_->place(key), ": a payload of ", payload.size(),
                 " bytes for that state");
   if (!state_->environment) return fail(ErrorCode::usage, state_->path, ": was closed");
@@ -328,7 +335,7 @@ Result<void> TileWriter::replace(TileKey key, TileState tile_state, ByteSpan pay
   copy.assign(payload.begin(), payload.end());
   state_->edited_bytes += payload.size();
   internal::Tile& tile = edit->tiles[position];
-  tile = {tile_state, copy, 0};
+  tile = {tile_state, copy, 0, 0, 0, back};
   if (tile_state == TileState::stored) tile.checksum = payload_checksum(key, copy);
   return {};
 }

@@ -62,12 +62,18 @@ class TileWriter {
   /// Appends a tile that is missing, so that replace() can fill it. Errors as append().
   [[nodiscard]] Result<void> append_missing(TileKey key);
 
+  /// Appends a tile that is the same as one that is stored `back` states before. Errors as
+  /// append(); usage: there is no such state.
+  [[nodiscard]] Result<void> append_same(TileKey key, std::uint64_t back);
+
   /// Replaces a damaged or missing tile of a committed record, in the next commit. A commit writes
   /// each record once, however many of its tiles are replaced; so replace many tiles in key order.
-  /// If the record's table itself is damaged, its other tiles become missing.
+  /// If the record's table itself is damaged, its other tiles become missing. `back`: as
+  /// append_same(), if that is the state.
   /// usage: in the tile's level, no committed record includes the tile or begins after it.
   /// bad_file: the tree or the record's pages are damaged.
-  [[nodiscard]] Result<void> replace(TileKey key, TileState state, ByteSpan payload);
+  [[nodiscard]] Result<void> replace(TileKey key, TileState state, ByteSpan payload,
+                                     std::uint64_t back = 0);
 
   /// From now on commit() does not wait for the disk, so a crash of the machine can damage the
   /// file. close() and publish() still wait. This is for files that are useless until complete.

@@ -20,7 +20,7 @@ std::uint64_t FieldShape::slabs(unsigned level) const {
 
 std::uint64_t FieldShape::tiles(unsigned level) const {
   const std::uint64_t all = tile_count(level, entry_extra_levels);
-  return subfields.empty() ? all : all / 64 * subfields.size();
+  return states * (subfields.empty() ? all : all / 64 * subfields.size());
 }
 
 std::uint64_t FieldShape::max_tile_samples() const {
@@ -28,9 +28,12 @@ std::uint64_t FieldShape::max_tile_samples() const {
 }
 
 bool FieldShape::has(TileKey key) const {
-  if (key.level > levels || key.index >= tile_count(key.level, entry_extra_levels)) return false;
+  const std::uint64_t index = in_state(key, 0).index;
+  if (key.level > levels || state_of(key) >= states ||
+      index >= tile_count(key.level, entry_extra_levels))
+    return false;
   const auto subfield =
-      static_cast<std::uint8_t>(key.index >> (4 * key.level + 2 * entry_extra_levels));
+      static_cast<std::uint8_t>(index >> (4 * key.level + 2 * entry_extra_levels));
   return subfields.empty() || std::binary_search(subfields.begin(), subfields.end(), subfield);
 }
 
@@ -39,6 +42,8 @@ Result<void> FieldShape::check() const {
     return fail(ErrorCode::usage, "entry ", entry_side, ", exit ", exit_side, ": expected 1 to ",
                 kMaxSide, " cells along an octsphere's edge");
   if (levels > 10) return fail(ErrorCode::usage, "levels ", levels, ": expected at most 10");
+  if (states < 1 || states > kMaxStates)
+    return fail(ErrorCode::usage, states, " states: expected 1 to ", kMaxStates);
   if (entry_extra_levels > kMaxSectionLevel - levels)
     return fail(ErrorCode::usage, "entry extra levels ", entry_extra_levels, ": expected at most ",
                 kMaxSectionLevel - levels);

@@ -36,13 +36,15 @@ class TileOrder {
     std::size_t level = first_.size() - 1;
     while (first_[level] > number) --level;
     const auto l = static_cast<unsigned>(level);
-    std::uint64_t index = number - first_[level];
+    const std::uint64_t tiles = shape_.tiles(l) / shape_.states;
+    const std::uint64_t state = (number - first_[level]) / tiles;
+    std::uint64_t index = (number - first_[level]) % tiles;
     if (!shape_.subfields.empty()) {
       const unsigned bits = subfield_bits(l);
       index = std::uint64_t{shape_.subfields[index >> bits]} << bits |
               (index & ((std::uint64_t{1} << bits) - 1));
     }
-    return {static_cast<std::uint8_t>(l), index};
+    return in_state({static_cast<std::uint8_t>(l), index}, state);
   }
 
   /// The same for number == count(), too: the end of all keys.

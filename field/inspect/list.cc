@@ -74,7 +74,7 @@ class Listing {
     listed.address = address_of(handle_, tile.key);
     listed.subfield = static_cast<std::uint8_t>(
         tile.key.index >> (4 * tile.key.level + 2 * field_.shape().entry_extra_levels));
-    listed.state = tile.state;
+    listed.state = tile.source == tile.key ? tile.state : TileState::same;
     listed.payload_bytes = tile.payload.size();
     listed.offset_bytes = field_.store().range(tile).begin;
     return visitor_(listed);
@@ -99,7 +99,7 @@ Result<void> check(const FieldFile& field, const TileFilter& filter) {
 }  // namespace
 
 const char* name(TileState state) {
-  constexpr const char* kNames[] = {"missing", "empty", "stored"};
+  constexpr const char* kNames[] = {"missing", "empty", "stored", "same"};
   return kNames[static_cast<int>(state)];
 }
 

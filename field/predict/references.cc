@@ -66,8 +66,11 @@ References find_references(const LevelGeometry& coarser, const LevelGeometry& fi
 }
 
 Candidates::Candidates(const LevelGeometry& coarser, const References& references,
-                       const TileSections& of)
-    : coarser_(coarser), references_(references), exits_(section_count(coarser.level())) {
+                       const TileSections& of, std::uint64_t state)
+    : coarser_(coarser),
+      references_(references),
+      exits_(section_count(coarser.level())),
+      state_(state) {
   kinds_.reserve(references.sections.size() * exits_);
   for (const std::uint32_t slot : references.sections) {
     const int far_entry = coarser.entry_section(slot) != of.entry.parent() ? 2 : 0;
@@ -79,8 +82,9 @@ Candidates::Candidates(const LevelGeometry& coarser, const References& reference
 }
 
 Reference Candidates::operator[](std::size_t k) const {
-  return {tile_key({coarser_.entry_section(references_.sections[k / exits_]),
-                    coarser_.exit_section(static_cast<std::uint32_t>(k % exits_))})};
+  const TileKey first = tile_key({coarser_.entry_section(references_.sections[k / exits_]),
+                                  coarser_.exit_section(static_cast<std::uint32_t>(k % exits_))});
+  return {in_state(first, state_)};
 }
 
 std::optional<std::size_t> Candidates::find(const Reference& reference) const {

@@ -42,9 +42,10 @@ struct References {
 /// slot for each of references.sections.
 class Candidates {
  public:
-  /// Of the tile with these sections. `coarser` and `references`, those of its entry section, must
-  /// outlive this.
-  Candidates(const LevelGeometry& coarser, const References& references, const TileSections& of);
+  /// Of the tile with these sections, in its state. `coarser` and `references`, those of its entry
+  /// section, must outlive this.
+  Candidates(const LevelGeometry& coarser, const References& references, const TileSections& of,
+             std::uint64_t state);
 
   [[nodiscard]] std::size_t size() const { return kinds_.size(); }
   [[nodiscard]] Reference operator[](std::size_t k) const;
@@ -58,6 +59,7 @@ class Candidates {
   const LevelGeometry& coarser_;
   const References& references_;
   std::size_t exits_;
+  std::uint64_t state_;
   std::vector<std::uint8_t> kinds_;
 };
 

@@ -90,6 +90,7 @@ struct Raycaster::State {
   void adopt(LightGrid light, const Medium& medium) {
     traced().light_volume = std::move(light);
     traced().table.albedos = shown ? Medium(shown->grid).albedos() : medium.albedos();
+    if (shown) scene->grid = {};  // served the light alone
     pending_light.reset();
     on_demand.reset();
   }
@@ -171,6 +172,7 @@ Result<std::unique_ptr<Raycaster>> Raycaster::make(Volume volume, const Transfer
   auto caster = std::unique_ptr<Raycaster>(new Raycaster(std::unique_ptr<State>(
       new State{std::move(scene), std::move(shown), ToneMapper(lighting.tone),
                 lit && !lighting.linear, lit ? std::optional(light_volume) : std::nullopt})));
+  if (!lit && caster->state_->shown) caster->state_->scene->grid = {};
   if (!light_volume.deferred) SLF_TRY(caster->prepare());
   return caster;
 }

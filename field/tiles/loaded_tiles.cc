@@ -13,7 +13,7 @@ LoadedTile& LoadedTiles::add(TileKey key, TilePage* page) {
   LoadedTile::List made(1);
   LoadedTile& tile = made.front();
   tile.key = key;
-  tile.page = page;
+  tile.page = page ? page : &tile.unlisted;
   tile.place = made.begin();
   tiles_.emplace(key, tile.place);
   idle_.splice(idle_.end(), made);

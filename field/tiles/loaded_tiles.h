@@ -25,7 +25,8 @@ struct LoadedTile {
   using List = std::list<LoadedTile>;
 
   TileKey key;
-  TilePage* page = nullptr;  // where readers find it
+  TilePage* page = nullptr;  // where readers find it, or `unlisted`
+  TilePage unlisted;         // of a tile of another state, which readers do not look for
   storage::TileRef ref;
   const std::byte* first = nullptr;
   TileMemory::Block owned;         // what `first` points into, unless it is the map
@@ -48,7 +49,7 @@ class LoadedTiles {
 
   /// Null if the tile is absent.
   [[nodiscard]] LoadedTile* find(TileKey key) const;
-  /// Adds an absent tile, which nothing pins.
+  /// Adds an absent tile, which nothing pins. `page`: null if readers do not look for it.
   LoadedTile& add(TileKey key, TilePage* page);
   /// The bytes that a tile costs from now on.
   void set_cost(LoadedTile& tile, std::uint64_t bytes);

@@ -249,7 +249,9 @@ Result<TileCache::Pin> TileCache::load_one(TileKey key, const FoundTiles& found)
   LoadedTile* tile = tiles_.find(key);
   if (!tile) {
     const auto sections = sections_of(key, field_.shape().entry_extra_levels);
-    tile = &tiles_.add(key, tables_[key.level].find(sections.entry.index, sections.exit.index));
+    const bool listed = state_of(key) == 0;
+    tile = &tiles_.add(
+        key, listed ? tables_[key.level].find(sections.entry.index, sections.exit.index) : nullptr);
   }
   pin_locked(*tile);
   pin = Pin(this, tile);
@@ -380,8 +382,7 @@ void TileCache::charge(LoadedTile& tile, std::uint64_t bytes, bool found, bool m
 Result<TileCache::Pin> TileCache::read(TileKey key, const FoundTiles& found) {
   auto pin = SLF_TRY(load(key, found));
   if (const auto& lacking = pin.tile_->lacking)
-    return fail(ErrorCode::tile_missing, field_.path(), ": tile ", int{lacking->level}, "/",
-                lacking->index,
+    return fail(ErrorCode::tile_missing, field_.place(*lacking),
                 ", from which others are predicted, is missing; build the field again");
   return pin;
 }

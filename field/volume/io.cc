@@ -154,13 +154,13 @@ Result<std::array<std::uint32_t, 3>> check_dims(const std::string& source,
 
 Result<std::uint32_t> choose(const std::string& source, const std::optional<std::uint32_t>& chosen,
                              std::uint64_t count, std::string_view what) {
+  const bool component = what == "component";
   if (!chosen && count > 1)
-    return fail_without(what == "component" ? "component" : "time", ErrorCode::unsupported, source,
-                        ": ", count, " ", what, "s, expected one: choose ", what, " 0 to ",
-                        count - 1);
+    return fail_without(component ? "component" : "time", ErrorCode::unsupported, source, ": ",
+                        count, " ", what, "s, expected one: choose ", what, " 0 to ", count - 1);
   if (chosen.value_or(0) >= count)
-    return fail(ErrorCode::usage, source, ": ", what, " ", *chosen, " was chosen, but it has ",
-                count, ", counted from 0");
+    return fail_without(component ? nullptr : "time", ErrorCode::usage, source, ": ", what, " ",
+                        *chosen, " was chosen, but it has ", count, ", counted from 0");
   return chosen.value_or(0);
 }
 

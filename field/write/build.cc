@@ -1,12 +1,16 @@
 #include "slf/build.h"
 
+#include <xxhash.h>
+
 #include <algorithm>
+#include <array>
 #include <chrono>
 #include <exception>
 #include <filesystem>
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <set>
 #include <sstream>
 #include <vector>
 
@@ -111,7 +115,7 @@ Result<std::optional<EarlierBuild>> find_earlier_build(const FieldOutput& output
   if (!in_place && std::filesystem::is_symlink(file, ignored))
     return tl::unexpected(name_is_taken({ErrorCode::usage, file + ": is a link"}));
   if (!in_place && !std::filesystem::exists(file, ignored)) return std::nullopt;
-  const auto field = FieldFile::open(file);
+  const auto field = FieldFile::whole(file);
   if (!field && in_place) return tl::unexpected(field.error());
   if (!field) return tl::unexpected(name_is_taken(field.error()));
   const Manifest& existing = (*field)->manifest();
@@ -168,13 +172,19 @@ std::uint64_t count_rays(const TileTracer& tracer, const TileOrder& order, const
       const NumberRange part{std::clamp(all.begin, range.begin, range.end),
                              std::clamp(all.end, range.begin, range.end)};
       if (part == all && shape.subfields.empty()) {
-        rays += tracer.rays(level);
+        rays += shape.states * tracer.rays(level);
         continue;
       }
       for (std::uint64_t n = part.begin; n < part.end; ++n) rays += tracer.rays(order.key(n));
     }
   return rays;
 }
+
+/// A tile that a worker made.
+struct EncodedTile {
+  Bytes payload;           ///< none for an empty tile
+  std::uint64_t back = 0;  ///< if it is the same as one of an earlier state: how many states back
+};
 
 /// The tiles that others are predicted from, or none. Workers read them while the writer replaces
 /// the file. A mutex guards it, because the load() of libstdc++ 12's atomic shared_ptr does not
@@ -200,6 +210,52 @@ class CoarserTiles {
   std::optional<TileReader> tiles_;
 };
 
+/// Finds tiles that have the same samples in an earlier state. Keeps a hash of the samples of each
+/// tile; those that another thread makes, or that an earlier call of the build made, are traced.
+class SameTiles {
+ public:
+  SameTiles(const TileTracer& tracer, const TileOrder& order, unsigned states)
+      : tracer_(tracer), order_(order), hashes_(states > 1 ? order.count() : 0) {}
+
+  /// How many states before that of the tile the first one is that has it; 0 if none has, or if
+  /// the tile is empty. So the tile of the state that is found is stored.
+  Result<std::uint64_t> find(const TracedTile& tile) {
+    if (hashes_.empty()) return std::uint64_t{0};
+    const Hash own = remember(tile);
+    const std::uint64_t state = state_of(tile.key);
+    for (std::uint64_t earlier = 0; !tile.empty && earlier < state; ++earlier) {
+      const Hash other = SLF_TRY(hash_of(in_state(tile.key, earlier)));
+      if (other == own) return state - earlier;
+    }
+    return std::uint64_t{0};
+  }
+
+ private:
+  using Hash = std::array<std::uint64_t, 2>;
+
+  Hash remember(const TracedTile& tile) {
+    const XXH128_hash_t found = XXH3_128bits(tile.samples.data(), tile.samples.size());
+    const Hash hash = tile.empty ? Hash{0, 1} : Hash{found.low64 | 1, found.high64};
+    const std::lock_guard lock(mutex_);
+    return hashes_[order_.number(tile.key)] = hash;
+  }
+
+  Result<Hash> hash_of(TileKey key) {
+    {
+      const std::lock_guard lock(mutex_);
+      if (const Hash& known = hashes_[order_.number(key)]; known != Hash{}) return known;
+    }
+    TracedTile tile;
+    SLF_TRY(tracer_.trace(key, tile));
+    return remember(tile);
+  }
+
+  const TileTracer& tracer_;
+  const TileOrder& order_;
+  std::mutex mutex_;
+  std::vector<Hash> hashes_;  // by the tile's number; 0: not known
+};
+
 /// The checked inputs of a build.
 struct BuildJob {
   const TileTracer& tracer;
@@ -208,18 +264,19 @@ struct BuildJob {
   TileOrder order;
   unsigned threads;
   CoarserTiles coarser;
+  SameTiles& same;
   /// Whether that is the file that is being written.
   const bool reads_own_file;
 
-  /// The payload of a tile; no bytes for an empty one.
-  Result<Bytes> make(TileKey key, TracedTile& traced) const {
-    Bytes payload;
+  Result<EncodedTile> make(TileKey key, TracedTile& traced) const {
+    EncodedTile encoded;
     SLF_TRY(tracer.trace(key, traced));
-    if (traced.empty) return payload;
+    encoded.back = SLF_TRY(same.find(traced));
+    if (traced.empty || encoded.back > 0) return encoded;
     const auto reader = coarser.get();
-    SLF_TRY(reader ? encode_tile(reader->cache(), key, traced.samples, payload)
-                   : codec.encode(tracer.shape(key), traced.samples, nullptr, payload));
-    return payload;
+    SLF_TRY(reader ? encode_tile(reader->cache(), key, traced.samples, encoded.payload)
+                   : codec.encode(tracer.shape(key), traced.samples, nullptr, encoded.payload));
+    return encoded;
   }
 
   [[nodiscard]] TileKey key(std::uint64_t k) const { return order.key(missing.number(k)); }
@@ -240,7 +297,7 @@ struct BuildJob {
     const auto reader = coarser.get();
     const auto read = [&] { return reader->field().file().store().transaction(); };
     if (!reads_own_file || (reader && writer.transaction() < read() + kCommitsPerReader)) return {};
-    auto opened = SLF_TRY(FieldFile::open(writer.file()));
+    auto opened = SLF_TRY(FieldFile::whole(writer.file()));
     coarser.set(std::move(opened));
     return {};
   }
@@ -261,9 +318,10 @@ Result<void> write_missing(BuildJob& job, std::uint64_t begin, std::uint64_t end
       });
     };
   };
-  const auto put = [&](std::uint64_t k, Bytes payload) -> Result<void> {
+  const auto put = [&](std::uint64_t k, EncodedTile tile) -> Result<void> {
     const TileKey key = job.key(begin + k);
-    SLF_TRY(writer.put(key, std::move(payload)));
+    SLF_TRY(tile.back > 0 ? writer.put_same(key, tile.back)
+                          : writer.put(key, std::move(tile.payload)));
     auto go_on = progress.add(job.tracer.rays(key));
     if (!go_on || Clock::now() - committed_at >= interval) {
       SLF_TRY(writer.commit());
@@ -299,10 +357,34 @@ std::string text_of(const glm::dvec3& v) {
   return text.str();
 }
 
-/// The manifest of a new field. usage: a setting, or the scene's bounds or provenance, is invalid.
-Result<Manifest> plan(const Scene& scene, const BuildOptions& options) {
+/// The members of a JSON object that differ from those of another one, as a merge patch.
+OwnedJson difference(const nlohmann::json& from, const nlohmann::json& to) {
+  OwnedJson patch = nlohmann::json::object();
+  for (const auto& [name, value] : to.items()) {
+    const auto old = from.find(name);
+    if (old == from.end())
+      (*patch)[name] = value;
+    else if (*old != value)
+      (*patch)[name] = old->is_object() && value.is_object() ? *difference(*old, value) : value;
+  }
+  for (const auto& [name, value] : from.items())
+    if (!to.contains(name)) (*patch)[name] = nullptr;
+  return patch;
+}
+
+/// The provenance of a scene.
+Result<OwnedJson> provenance_of(const Scene& scene) {
+  OwnedJson json = nlohmann::json::parse(scene.provenance(), nullptr, /*allow_exceptions=*/false);
+  if (json->is_object()) return json;
+  return fail(ErrorCode::usage, "the scene's provenance is not a JSON object");
+}
+
+/// The manifest of a new field. usage: a setting, or a scene's bounds or provenance, is invalid.
+Result<Manifest> plan(std::span<const FieldState> states, const BuildOptions& options) {
+  const Scene& scene = *states[0].scene;
   Manifest manifest;
   manifest.shape = options.shape;
+  manifest.shape.states = static_cast<unsigned>(states.size());
   const bool scene_bounds = manifest.shape.sphere.radius == 0;
   if (scene_bounds) manifest.shape.sphere = scene.bounds();
   const Sphere visible = scene.bounds();
@@ -318,29 +400,43 @@ Result<Manifest> plan(const Scene& scene, const BuildOptions& options) {
   manifest.format = sample_format(options.half, options.depth);
   const auto plain = SLF_TRY(codec::make_codec(options.codec, manifest.format));
   manifest.codec = plain->spec();
-  manifest.provenance =
-      nlohmann::json::parse(scene.provenance(), nullptr, /*allow_exceptions=*/false);
-  if (!manifest.provenance->is_object())
-    return fail(ErrorCode::usage, "the scene's provenance is not a JSON object");
+  manifest.provenance = SLF_TRY(provenance_of(scene));
+  std::set<std::string> names;
+  for (const FieldState& state : states) {
+    if (states.size() == 1) break;
+    if (state.name.empty() || !names.insert(state.name).second)
+      return fail(ErrorCode::usage, "state ", manifest.states.size(), " has ",
+                  state.name.empty() ? "no name" : "the name of another: ", state.name);
+    const auto own = SLF_TRY(provenance_of(*state.scene));
+    manifest.states.push_back({state.name, difference(*manifest.provenance, *own)});
+  }
   return manifest;
 }
 
-Result<BuildReport> build(const Scene& scene, const std::string& path, const BuildOptions& options,
-                          const ProgressCallback& progress) {
-  auto manifest = SLF_TRY(plan(scene, options));
-  std::vector<std::string> inputs = scene.files();
-  inputs.push_back(options.shard.coarser);
+Result<BuildReport> build(std::span<const FieldState> states, const std::string& path,
+                          const BuildOptions& options, const ProgressCallback& progress) {
+  if (states.empty()) return fail(ErrorCode::usage, path, ": no state to build");
+  auto manifest = SLF_TRY(plan(states, options));
+  const Scene& scene = *states[0].scene;  // whose light is kept
+  std::vector<const Scene*> scenes;
+  std::vector<std::string> inputs{options.shard.coarser};
+  for (const FieldState& state : states) {
+    scenes.push_back(state.scene);
+    for (const std::string& file : state.scene->files()) inputs.push_back(file);
+  }
   const auto output =
       SLF_TRY(FieldOutput::at(path, options.replace ? Existing::replace : Existing::keep, inputs));
   const TileOrder order(manifest.shape);
   ShardOptions shard = options.shard;
   const auto coarser = SLF_TRY(open_coarser(manifest, shard));
-  const auto plan = SLF_TRY(plan_shard(TileTracer(scene, manifest), order, manifest.shape, shard,
+  const auto plan = SLF_TRY(plan_shard(TileTracer(scenes, manifest), order, manifest.shape, shard,
                                        predicts(manifest) && !coarser));
   if (plan.part != all_keys(manifest.shape)) manifest.part = plan.part;
+  if (manifest.part && states.size() > 1)
+    return fail(ErrorCode::unsupported, path, ": a field of several states is not built in parts");
   auto earlier = SLF_TRY(find_earlier_build(output, plan.tiles, manifest));
 
-  const TileTracer tracer(scene, manifest);
+  const TileTracer tracer(scenes, manifest);
   BuildReport report;
   if (earlier) {
     report.resumed = plan.tiles.count() - earlier->missing.count();
@@ -358,7 +454,7 @@ Result<BuildReport> build(const Scene& scene, const std::string& path, const Bui
   // Light is computed once, and kept in the file from its first commit on.
   const bool has_light = earlier && scene.set_light(earlier->light);
   if (!has_light && coarser) scene.set_light(light_of(*coarser));
-  SLF_TRY(scene.prepare());
+  for (const Scene* each : scenes) SLF_TRY(each->prepare());
   const Bytes light = has_light ? Bytes() : scene.light();
   const auto codec = SLF_TRY(earlier   ? Result<CodecPointer>(std::move(earlier->codec))
                              : coarser ? codec_of(*coarser)
@@ -368,12 +464,14 @@ Result<BuildReport> build(const Scene& scene, const std::string& path, const Bui
                                             : FieldWriter::resume(output, earlier->transaction));
   if (earlier && !light.empty()) SLF_TRY(writer.put_light(light));
 
+  SameTiles same(tracer, order, manifest.shape.states);
   BuildJob job{tracer,
                *codec,
                missing,
                order,
                thread_count(options.threads),
                coarser,
+               same,
                predicts(manifest) && !coarser};
   auto written = write_levels(job, writer, path, options, reporter);
   // What was written in place ends with an index even so.
@@ -389,8 +487,14 @@ Result<BuildReport> build(const Scene& scene, const std::string& path, const Bui
 
 Result<BuildReport> build_field(const Scene& scene, const std::string& path,
                                 const BuildOptions& options, const ProgressCallback& progress) {
+  const FieldState state{"", &scene};
+  return build_field({&state, 1}, path, options, progress);
+}
+
+Result<BuildReport> build_field(std::span<const FieldState> states, const std::string& path,
+                                const BuildOptions& options, const ProgressCallback& progress) {
   try {
-    return build(scene, path, options, progress);
+    return build(states, path, options, progress);
   } catch (...) {  // from the scene, or std::bad_alloc
     const Error error = error_of_exception();
     return fail(error.code, path, ": ", error.message);

@@ -32,7 +32,7 @@ Result<void> remove_leftover(const std::string& file, ByteSpan manifest) {
   const auto writer = TileWriter::resume(file);  // holds the writer's lock
   if (!writer && writer.error().code == ErrorCode::busy) return tl::unexpected(writer.error());
   if (!writer) return tl::unexpected(name_is_taken(writer.error()));
-  const auto field = FieldFile::open(file);
+  const auto field = FieldFile::whole(file);
   if (!field) return tl::unexpected(name_is_taken(field.error()));
   const auto content = (*field)->content();
   if (!content) return tl::unexpected(name_is_taken(content.error()));
@@ -195,6 +195,13 @@ Result<void> FieldWriter::put(TileKey key, Bytes payload) {
 
 Result<void> FieldWriter::put_view(const storage::TileRef& tile) {
   SLF_TRY(writer_->append_view(tile));
+  return commit_when_due();
+}
+
+Result<void> FieldWriter::put_same(TileKey key, std::uint64_t back) {
+  const bool hole = last_ && key <= *last_;
+  SLF_TRY(hole ? writer_->replace(key, TileState::same, {}, back)
+               : writer_->append_same(key, back));
   return commit_when_due();
 }
 

@@ -92,6 +92,8 @@ class FieldWriter {
   /// Copies the payloads given to put_view() that are not committed.
   void copy_viewed_payloads() { writer_->copy_viewed_payloads(); }
 
+  /// Writes a tile that is the same as one that is stored `back` states before.
+  [[nodiscard]] Result<void> put_same(TileKey key, std::uint64_t back);
   /// Appends a missing tile, which put() can fill later.
   [[nodiscard]] Result<void> put_missing(TileKey key);
 

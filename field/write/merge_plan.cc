@@ -70,6 +70,8 @@ Result<void> check_complete(const FieldFile& field) {
 
 Result<Source> read_source(const std::string& path) {
   auto field = FieldFile::open(path);
+  if (field && !(*field)->manifest().states.empty())
+    return fail(ErrorCode::unsupported, path, kSeveralStates);
   std::error_code ignored;
   if (!field && field.error().code == ErrorCode::not_found &&
       std::filesystem::exists(path + ".unfinished", ignored))

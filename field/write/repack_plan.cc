@@ -55,6 +55,8 @@ Result<std::unique_ptr<codec::Codec>> train(TileCache& cache, const RepackPlan& 
 }
 
 Result<FieldShape> plan_shape(const FieldFile& field, const RepackOptions& options) {
+  if (!field.manifest().states.empty())
+    return fail(ErrorCode::unsupported, field.path(), kSeveralStates);
   FieldShape shape = field.shape();
   if (options.levels && *options.levels > shape.levels)
     return fail(ErrorCode::usage, field.path(), ": has levels 0 to ", shape.levels, ", not ",

@@ -133,8 +133,8 @@ void fill_undefined_depth(std::byte* picture, const std::vector<bool>& defined,
 
 }  // namespace
 
-TileTracer::TileTracer(const Scene& scene, const Manifest& manifest)
-    : scene_(scene), shape_(manifest.shape), format_(manifest.format) {
+TileTracer::TileTracer(std::span<const Scene* const> scenes, const Manifest& manifest)
+    : scenes_(scenes.begin(), scenes.end()), shape_(manifest.shape), format_(manifest.format) {
   for (unsigned level = 0; level <= shape_.levels; ++level) {
     filtered_.push_back(manifest.filtered(level));
     levels_.emplace_back(shape_, level);
@@ -194,7 +194,8 @@ void TileTracer::trace_rays(TileKey key, TracedTile& tile) const {
       const std::size_t count = std::min(rows, entries.size() - row) * exits.size();
       for (std::size_t k = 0; k < count; ++k)
         rays[k] = {entries[row + k / exits.size()], exits[k % exits.size()]};
-      scene_.trace_many(std::span(rays).first(count), std::span(seen).first(count));
+      scenes_[state_of(key)]->trace_many(std::span(rays).first(count),
+                                         std::span(seen).first(count));
     }
     const auto in_row = std::span(seen).subspan(in_batch * exits.size(), exits.size());
     if (filter) filter->mean(in_row, means);

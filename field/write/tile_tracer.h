@@ -5,7 +5,9 @@
 // vertices of the next finer lattice, weighted by a tent filter as wide as the level's cells.
 #pragma once
 
+#include <array>
 #include <memory>
+#include <span>
 #include <vector>
 
 #include "base/bytes.h"
@@ -22,16 +24,19 @@ struct TracedTile {
   Bytes samples;      ///< with the layout of TileShape
 };
 
-/// The scene must outlive the tracer. Thread-safety: const members from any thread.
+/// The scenes, of one state each, must outlive the tracer. Thread-safety: const members from any
+/// thread.
 class TileTracer {
  public:
-  TileTracer(const Scene& scene, const Manifest& manifest);
+  TileTracer(std::span<const Scene* const> scenes, const Manifest& manifest);
+  TileTracer(const Scene& scene, const Manifest& manifest)
+      : TileTracer(std::array{&scene}, manifest) {}
 
   /// Samples a tile. failed: the scene threw an exception. out_of_memory. Messages name the tile.
   [[nodiscard]] Result<void> trace(TileKey key, TracedTile& tile) const;
 
   [[nodiscard]] TileShape shape(TileKey key) const;
-  /// Approximate number of rays for a tile, or for all tiles of a level.
+  /// Approximate number of rays for a tile, or for all tiles of a level, of one state.
   [[nodiscard]] std::uint64_t rays(TileKey key) const;
   [[nodiscard]] std::uint64_t rays(unsigned level) const;
   [[nodiscard]] const LevelGeometry& geometry(unsigned level) const { return levels_[level]; }
@@ -43,7 +48,7 @@ class TileTracer {
     return filtered_[level] ? 4 : 1;
   }
 
-  const Scene& scene_;
+  std::vector<const Scene*> scenes_;
   FieldShape shape_;
   std::vector<bool> filtered_;  // per level
   SampleFormat format_;

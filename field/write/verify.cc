@@ -33,8 +33,9 @@ class Verifier {
   }
 
   Result<VerifyReport> run(const Field& field) {
-    SLF_TRY(check_structure(field.file().store()));
-    SLF_TRY(check_tiles(field.file()));
+    const auto whole = SLF_TRY(FieldFile::whole(field.file().store().all_states()));
+    SLF_TRY(check_structure(whole->store()));
+    SLF_TRY(check_tiles(*whole));
     report_.unfixed = report_.damaged;
     return std::move(report_);
   }
@@ -62,7 +63,7 @@ class Verifier {
       return {};
     }
     SLF_TRY(check_structure(*store));
-    const auto field = FieldFile::open(std::move(*store));
+    const auto field = FieldFile::whole(std::move(*store));
     if (!field) {
       if (field.error().code != ErrorCode::bad_file) return tl::unexpected(field.error());
       add(FindingKind::manifest, field.error().message);
@@ -116,6 +117,7 @@ class Verifier {
           }
           if (field.manifest().holds(tile.key)) ++found[tile.key.level];
           if (tile.state == TileState::stored) batch.push_back(tile);
+          if (tile.state == TileState::same) check_same(field, tile);
           if (batch.size() == kCheckedTogether)
             if (auto ok = check_payloads(tiles, batch); !ok) return stopped = true, ok;
           auto ok = reporter.add(1);
@@ -136,8 +138,15 @@ class Verifier {
   }
 
   static std::string place(const FieldFile& field, const TileRef& tile) {
-    return field.path() + ": tile " + std::to_string(tile.key.level) + "/" +
-           std::to_string(tile.key.index);
+    return field.place(tile.key);
+  }
+
+  void check_same(const FieldFile& field, const TileRef& tile) {
+    const auto found = field.store().find(tile.key);
+    if (!found || found->state == TileState::missing)
+      add(FindingKind::reference,
+          place(field, tile) + ": tile " + storage::name(tile.source) +
+              ", which it is the same as, is missing; build the field again");
   }
 
   void compare_count(const FieldFile& field, unsigned level, std::uint64_t found) {

@@ -7,6 +7,7 @@
 
 #include <cstdint>
 #include <optional>
+#include <span>
 #include <string>
 
 #include "slf/error.h"
@@ -48,6 +49,12 @@ struct BuildReport {
   std::uint64_t resumed = 0;  ///< built by earlier calls
 };
 
+/// A state of a field, and the scene that shows it.
+struct FieldState {
+  std::string name;
+  const Scene* scene = nullptr;  ///< not null
+};
+
 /// Builds, or resumes, the field at `path`. Progress counts rays, approximately.
 ///
 /// The field grows in PATH.unfinished and is renamed to PATH when it is complete. Until then a file
@@ -72,6 +79,14 @@ struct BuildReport {
 /// the field.
 [[nodiscard]] Result<BuildReport> build_field(const Scene& scene, const std::string& path,
                                               const BuildOptions& options,
+                                              const ProgressCallback& progress = {});
+
+/// The same with several states on one sphere, by default that around the first. Tiles whose
+/// samples equal those of the same tile of an earlier state are stored once. Keeps 16 bytes of each
+/// tile of the field in memory. unsupported: a shard. usage: no state, a state without a name, two
+/// with one.
+[[nodiscard]] Result<BuildReport> build_field(std::span<const FieldState> states,
+                                              const std::string& path, const BuildOptions& options,
                                               const ProgressCallback& progress = {});
 
 }  // namespace slf

@@ -29,6 +29,7 @@ struct LevelContent {
   std::uint64_t tiles = 0;   ///< tiles of the complete level
   std::uint64_t stored = 0;  ///< tiles with a payload
   std::uint64_t empty = 0;   ///< tiles that were built and show nothing
+  std::uint64_t same = 0;    ///< tiles that are stored with an earlier state
   std::uint64_t slabs = 0;   ///< rays of the level
   std::uint64_t payload_bytes = 0;
 };
@@ -59,7 +60,16 @@ class Field {
   /// If this file is one part of a field that is built in several (build.h): the tiles of that
   /// part.
   [[nodiscard]] std::optional<TileRange> part() const;
-  /// The source and the settings of the build: a JSON object without a fixed schema.
+  /// The names of the states: variants of the object on one sphere; none if there is just one.
+  [[nodiscard]] std::vector<std::string> states() const;
+  /// The state that this shows: 0 after open().
+  [[nodiscard]] unsigned state() const;
+  /// Another state, of the same snapshot. To all that reads it, it is a field of its own. usage:
+  /// there is no such state. Other errors as open().
+  [[nodiscard]] Result<Field> in_state(unsigned state) const;
+  [[nodiscard]] Result<Field> in_state(const std::string& name) const;
+  /// The source and the settings of the build: a JSON object without a fixed schema. Of a composed
+  /// field, those of a build that shows the labels of all its structures, if they have labels.
   [[nodiscard]] std::string provenance() const;
   /// Whether colours are linear radiance, which map_tones() in render.h shows.
   [[nodiscard]] bool linear() const;

@@ -39,7 +39,7 @@ struct TileAddress {
 
 // ---- lists -------------------------------------------------------------------------------------
 
-/// "missing", "empty", "stored".
+/// "missing", "empty", "stored", "same".
 [[nodiscard]] const char* name(TileState state);
 
 /// One tile.

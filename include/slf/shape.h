@@ -40,6 +40,7 @@ struct FieldShape {
   /// The level-0 subfields of the field, ascending: 8 × entry octant + exit octant. Empty: all 64.
   /// With entry_extra_levels > 0 they are still pairs of octants.
   std::vector<std::uint8_t> subfields;
+  unsigned states = 1;  ///< variants of the object on this sphere, 1 to kMaxStates
 
   [[nodiscard]] std::uint32_t entry_resolution(unsigned level) const { return entry_side << level; }
   [[nodiscard]] std::uint32_t exit_resolution(unsigned level) const { return exit_side << level; }
@@ -47,9 +48,9 @@ struct FieldShape {
   [[nodiscard]] std::uint32_t entry_section_side() const {
     return entry_side >> entry_extra_levels;
   }
-  /// Rays of one level with all subfields: entry vertices × exit vertices.
+  /// Rays of one level and state, with all subfields: entry vertices × exit vertices.
   [[nodiscard]] std::uint64_t slabs(unsigned level) const;
-  /// Tiles of one level in the complete field.
+  /// Tiles of one level in the complete field, of all states.
   [[nodiscard]] std::uint64_t tiles(unsigned level) const;
   /// Whether the complete field has a tile with this key.
   [[nodiscard]] bool has(TileKey key) const;

@@ -20,7 +20,17 @@ enum class TileState : std::uint8_t {
   missing,  ///< never built, or dropped because it was damaged
   empty,    ///< built; nothing is visible along any of its rays
   stored,   ///< has a payload
+  same,     ///< has the payload of this tile in an earlier state of the object
 };
+
+/// The state of the object that a tile shows is above these bits of its index.
+inline constexpr int kStateBit = 50;
+inline constexpr unsigned kMaxStates = 1 << 12;
+[[nodiscard]] constexpr std::uint64_t state_of(TileKey key) { return key.index >> kStateBit; }
+/// This tile of another state.
+[[nodiscard]] constexpr TileKey in_state(TileKey key, std::uint64_t state) {
+  return {key.level, (key.index & ((std::uint64_t{1} << kStateBit) - 1)) | state << kStateBit};
+}
 
 /// For hash tables of tiles.
 struct TileKeyHash {

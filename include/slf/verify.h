@@ -22,7 +22,7 @@ enum class FindingKind {
   key,        ///< K1: a tile whose key does not belong to this field
   checksum,   ///< T1: a tile's bytes do not match their checksum
   decode,     ///< T2: a tile's bytes match their checksum but do not decode
-  reference,  ///< T3: a tile that this one is predicted from is damaged or missing
+  reference,  ///< T3: a tile that this one is predicted from, or the same as, is damaged or missing
   missing,    ///< C1: tiles of the field, or of its part, were never built, or were dropped
 };
 [[nodiscard]] const char* id(FindingKind kind);

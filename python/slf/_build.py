@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
-from typing import Any, Callable, Mapping, Optional, Sequence, Tuple, Unpack
+from typing import Any, Callable, List, Mapping, Optional, Sequence, Tuple, Unpack
 
 import numpy as np
 
@@ -20,8 +21,9 @@ def build(source: Any, out: Path, *, entry: int = 8, exit: int = 32, finest_leve
           entry_extra_levels: int = 0, codec: str = "predictive:90",
           depth: bool = True, color_type: str = "u8",
           center: Optional[Sequence[float]] = None, radius: Optional[float] = None,
-          shard: Tuple[int, int] = (1, 1), only_levels: Tuple[Optional[int], Optional[int]] = (
-              None, None), coarser: Path = "", threads: int = 0, commit_every: float = 5,
+          states: Sequence[Mapping[str, Any]] = (), shard: Tuple[int, int] = (1, 1),
+          only_levels: Tuple[Optional[int], Optional[int]] = (None, None), coarser: Path = "",
+          threads: int = 0, commit_every: float = 5,
           force: bool = False, progress: Progress = None, **settings: Unpack[Settings]) -> Field:
     """Builds a field, or resumes its build, and opens it.
 
@@ -43,6 +45,8 @@ def build(source: Any, out: Path, *, entry: int = 8, exit: int = 32, finest_leve
     depth: store depths beside colours; predictive codecs need them.
     color_type: "u8" or "half" (with light: linear radiance).
     center, radius: the sphere in world units; default: around what is visible.
+    states: variants of the object, for one field: for each {"name": ..., other settings}, which are
+        taken before those of this call; "source": another source.
     shard: (k, n), the k-th of n parts, from 1, for slf.merge().
     only_levels, coarser: as --only-levels and --coarser of `slf build`.
     threads: 0: all.  commit_every: seconds between commits, which a kill can lose.
@@ -63,14 +67,19 @@ def build(source: Any, out: Path, *, entry: int = 8, exit: int = 32, finest_leve
     folder = os.path.dirname(path) or None
     finite("commit_every", commit_every)
     whole = None if center is None or radius is None else Sphere(point(center), float(radius))
-    with scene_of(source, linear=half, folder=folder, threads=threads, sphere=whole,
-                  **settings) as scene:
-        bounds = scene.bounds
+    with contextlib.ExitStack() as stack:
+        scenes: List[Tuple[str, _slf.Scene]] = []
+        for state in states or ({"name": ""},):
+            own: Any = {"source": source, **settings, **state}
+            scenes.append((own.pop("name", ""), stack.enter_context(
+                scene_of(own.pop("source"), linear=half, folder=folder, threads=threads,
+                         sphere=whole, **own))))
+        bounds = scenes[0][1].bounds
         sphere = Sphere(bounds.center if center is None else point(center),
                         bounds.radius if radius is None else float(radius))
         finite("center and radius", (*sphere.center, sphere.radius))
         with reporter(progress, "build") as report:
-            built = _slf.build(scene, path, sphere, entry, exit, finest_level, entry_extra_levels,
+            built = _slf.build(scenes, path, sphere, entry, exit, finest_level, entry_extra_levels,
                                codec, depth, half, threads, float(commit_every), force, shard,
                                only_levels, path_text(coarser), report)
     field = Field(path, threads=threads)

@@ -9,8 +9,8 @@ import os
 import warnings
 import weakref
 from types import TracebackType
-from typing import (Any, Callable, Iterator, List, Mapping, Optional, Sequence, Tuple, Type, Union, Unpack,
-                    overload)
+from typing import (Any, Callable, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple, Type,
+                    Union, Unpack, overload)
 
 import numpy as np
 
@@ -27,6 +27,8 @@ Path = Union[str, "os.PathLike[str]"]
 AnyCamera = Union[Orbit, Camera]
 Size = Tuple[int, int]
 LevelName = Union[int, str]
+State = Union[int, str]
+"""The number of a state, from 0, or its name."""
 Structures = Mapping[Union["Field", Path], Union[float, Look]]
 
 _DEFAULT_MEMORY = 256 << 20
@@ -76,13 +78,17 @@ class Field:
     """
 
     def __init__(self, path: Path, *, memory: int = _DEFAULT_MEMORY, threads: int = 0,
-                 progress: Progress = None) -> None:
+                 state: State = 0, progress: Progress = None) -> None:
         self._open: Optional[_slf.Field] = None
-        self._made_by: Tuple[Any, ...] = (_reopened, (path, memory, threads))
+        self._opened_with = (path, memory, threads, state)
+        self._structures: Optional[Structures] = None
         self._composed: Optional[Tuple[Any, Field]] = None
+        self._others: Dict[State, Field] = {}
         self._server: Optional[_slf.Server] = None
         with reporter(progress, "fetch") as report:
             self._open = _slf.Field(path_text(path), memory, threads, report)
+        if state != 0:
+            self._open = self._open.in_state(state)
         self._shape: Shape = self._open.shape
         self.build_report: Optional[BuildReport] = None
         """What slf.build() did, if it opened this field."""
@@ -98,6 +104,7 @@ class Field:
     def close(self) -> None:
         """Closes the file. A second call does nothing."""
         self._open = self._composed = None
+        self._others.clear()
         if self._server is not None:
             self._server.close()
             self._server = None
@@ -116,7 +123,7 @@ class Field:
 
     def __reduce__(self) -> Any:
         """Pickled by path: where it is unpickled, the file is opened again."""
-        return self._made_by
+        return _reopened, (*self._opened_with, self._structures)
 
     def __repr__(self) -> str:
         if self._open is None:
@@ -174,8 +181,34 @@ class Field:
     def file_bytes(self) -> int:
         return self._field.file_bytes
 
+    @property
+    def states(self) -> Tuple[str, ...]:
+        """The names of the states, variants of the object that the file holds; () if there is just
+        one."""
+        return self._field.states
+
+    @property
+    def state(self) -> int:
+        """The state that this shows; 0 unless another was asked for."""
+        return self._field.state
+
+    def in_state(self, state: State) -> Field:
+        """The same file in another state, by its name or number: a field of its own, with its own
+        memory for tiles. Later calls return the same one. slf.UsageError: there is none."""
+        if state not in self._others:
+            other = self._others[state] = self._variant(self._field.in_state(state), None)
+            other._opened_with = (*self._opened_with[:3], state)
+        return self._others[state]
+
+    def _variant(self, opened: _slf.Field, structures: Optional[Structures]) -> Field:
+        """A field that shows something else of the same file."""
+        other = object.__new__(Field)
+        other.__dict__.update(self.__dict__, _open=opened, _structures=structures, _composed=None,
+                              _others={}, _server=None)
+        return other
+
     def content(self) -> Content:
-        """Counts the tiles and bytes of each level. slf.BadFileError: a table is damaged."""
+        """Counts the tiles and bytes of each level, of this state. slf.BadFileError: a table is damaged."""
         return self._field.content()
 
     # -- pictures ---------------------------------------------------------------------------------
@@ -197,18 +230,20 @@ class Field:
     def render(self, camera: AnyCamera = ..., size: Size = ..., mode: Optional[str] = ...,
                level: LevelName = ..., *, dtype: Any = ...,
                background: Optional[Sequence[float]] = ..., tone: Optional[Tone] = ...,
+               state: Optional[State] = ...,
                structures: Optional[Structures] = ...) -> np.ndarray: ...
 
     @overload
     def render(self, camera: AnyCamera = ..., size: Size = ..., mode: Optional[str] = ...,
                level: LevelName = ..., *, depth: bool, dtype: Any = ...,
                background: Optional[Sequence[float]] = ..., tone: Optional[Tone] = ...,
-               structures: Optional[Structures] = ...) -> Any: ...
+               state: Optional[State] = ..., structures: Optional[Structures] = ...) -> Any: ...
 
     def render(self, camera: AnyCamera = orbit(), size: Size = (512, 512),
                mode: Optional[str] = None, level: LevelName = "finest", *, depth: bool = False,
                dtype: Any = np.float32, background: Optional[Sequence[float]] = None,
-               tone: Optional[Tone] = None, structures: Optional[Structures] = None) -> Any:
+               tone: Optional[Tone] = None, state: Optional[State] = None,
+               structures: Optional[Structures] = None) -> Any:
         """Draws a view: an array [height, width, 4] of RGBA, premultiplied by alpha.
 
         camera: slf.orbit() or slf.Camera.
@@ -221,11 +256,11 @@ class Field:
         background: an RGB colour, each 0 to 1, to composite over; alpha is then 1.
         tone: how to show linear radiance; default: as it is for float32 without a background,
             else Tone().
-        structures: what to draw together instead of this field, as for compose(). The last ones
-            stay open.
+        state: that of in_state(); default: the one that this shows.
+        structures: what to draw together instead, as for compose(). The last ones stay open.
 
-        Raises slf.UsageError for an invalid camera, level or mode, slf.BadFileError for a damaged
-        tile.
+        Raises slf.UsageError for an invalid camera, level, mode or state, slf.BadFileError for a
+        damaged tile.
         """
         if structures is not None:
             if self._composed is None or self._composed[0] != structures:
@@ -233,7 +268,8 @@ class Field:
             return self._composed[1].render(camera, size, mode, level, depth=depth, dtype=dtype,
                                             background=background, tone=tone)
         display = check_dtype(dtype) == np.uint8 or background is not None
-        colors, distance = self._field.render(camera_tuple(self.sphere, camera, size), mode,
+        shown = self if state is None else self.in_state(state)
+        colors, distance = shown._field.render(camera_tuple(self.sphere, camera, size), mode,
                                               self._level(level), depth, tone, display)
         picture = finished_picture(colors, dtype, background)
         return Picture(picture, distance) if depth else picture
@@ -242,8 +278,9 @@ class Field:
         """The field that shows structures together, in place of what this one shows: along each
         stored ray, the nearest over those behind it.
 
-        structures: fields, or paths, on this field's sphere, and an opacity, 0 to 1, or a Look of
-            each. Those of opacity 0 are not read. At one depth, the first ones are in front.
+        structures: names of this field's states, or fields or paths of others on its sphere, and an
+            opacity, 0 to 1, or a Look of each. Those of opacity 0 are not read. At one depth, the
+            first ones are in front.
 
         It is drawn, played, measured and evaluated as others are, but not shown in a page.
         Raises slf.UsageError for structures without depth, or on another sphere or lattice, or with
@@ -251,13 +288,10 @@ class Field:
         """
         looks = [(key, look if isinstance(look, Look) else Look(look))
                  for key, look in structures.items()]
-        layers = [((key if isinstance(key, Field) else Field(key))._field, *look)
+        layers = [((key if isinstance(key, Field) else
+                    self.in_state(key) if key in self.states else Field(key))._field, *look)
                   for key, look in looks if look.opacity != 0]
-        composed = object.__new__(Field)
-        composed.__dict__.update(self.__dict__, _open=self._field.compose(layers), _server=None,
-                                 _composed=None,
-                                 _made_by=(Field.compose, (self, dict(structures))))
-        return composed
+        return self._variant(self._field.compose(layers), dict(structures))
 
     def pick(self, x: float, y: float, camera: AnyCamera = orbit(),
              size: Size = (512, 512)) -> Optional[PickedPoint]:
@@ -367,7 +401,7 @@ class Field:
 
         Raises slf.UnsupportedError: slf was built without the page. slf.UsageError: `page` exists.
         """
-        if self._made_by[0] == Field.compose:
+        if self._structures is not None:
             raise UnsupportedError(f"{self.path}: a page shows a file, not what is composed of it")
         if page is not None:
             export(self, page, force=force)
@@ -426,21 +460,24 @@ def _end_threads() -> None:
         owner.close()
 
 
-def open(path: Path, *, memory: int = _DEFAULT_MEMORY, threads: int = 0,
+def open(path: Path, *, memory: int = _DEFAULT_MEMORY, threads: int = 0, state: State = 0,
          progress: Progress = None) -> Field:
     """Opens a field, complete or not: a file or an address, http:// or https://.
 
     memory: most bytes of decoded tiles.
     threads: for drawing; 0: all.
+    state: which of the field's states to show; Field.in_state() shows another.
     progress: counts the bytes of a remote field that must be fetched whole.
 
     Raises FileNotFoundError, slf.IoError, slf.BadFileError, slf.UnsupportedError (a newer format).
     """
-    return Field(path, memory=memory, threads=threads, progress=progress)
+    return Field(path, memory=memory, threads=threads, state=state, progress=progress)
 
 
-def _reopened(path: Path, memory: int, threads: int) -> Field:
-    return Field(path, memory=memory, threads=threads)
+def _reopened(path: Path, memory: int, threads: int, state: State,
+              structures: Optional[Structures]) -> Field:
+    field = Field(path, memory=memory, threads=threads, state=state)
+    return field if structures is None else field.compose(structures)
 
 
 def verify(field: Union[Field, Path], *, quick: bool = False, fix: bool = False, threads: int = 0,

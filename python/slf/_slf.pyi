@@ -1,6 +1,6 @@
 """The extension module. Private: the package slf gives it names, types and documentation."""
 
-from typing import Any, List, Optional, Sequence, Tuple
+from typing import Any, List, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
@@ -23,6 +23,9 @@ class Field:
     manifest: str
     provenance: str
     file_bytes: int
+    state: int
+    states: Tuple[str, ...]
+    def in_state(self, state: Union[int, str]) -> Field: ...
     def content(self) -> Content: ...
     def compose(self, structures: Sequence[Tuple[Field, float, Sequence[float]]]) -> Field: ...
     def render(self, camera: _Camera, mode: Optional[str], level: Optional[int], depth: bool,
@@ -67,7 +70,7 @@ def random_cameras(sphere: _Sphere, distance: float, count: int, seed: int, widt
 def make_scene(settings: Any, notes: List[str]) -> Scene: ...
 def ray_scene(fn: Any, sphere: _Sphere, provenance: str, batch: int,
               concurrent: bool) -> Scene: ...
-def build(scene: Scene, path: str, sphere: _Sphere, entry: int, exit: int, finest_level: int,
+def build(states: Sequence[Tuple[str, Scene]], path: str, sphere: _Sphere, entry: int, exit: int, finest_level: int,
           entry_extra_levels: int, codec: str, depth: bool, half: bool, threads: int,
           commit_seconds: float, force: bool, shard: Tuple[int, int], only_levels: Any,
           coarser: str, progress: Any) -> BuildReport: ...

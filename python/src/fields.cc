@@ -36,6 +36,13 @@ std::unique_ptr<OpenField> open(const Text& path, std::uint64_t memory, unsigned
   return std::make_unique<OpenField>(value_of(std::move(field), path), options);
 }
 
+template <class State>
+std::unique_ptr<OpenField> in_state(const OpenField& open, const State& state) {
+  auto field = open.field().in_state(state);
+  return std::make_unique<OpenField>(value_of(std::move(field), open.field().path()),
+                                     open.options());
+}
+
 py::object content(const OpenField& open) {
   LongCall call;
   const auto content =
@@ -280,6 +287,15 @@ void bind_fields(py::module_& module) {
                              [](const OpenField& f) { return Text(f.field().provenance()); })
       .def_property_readonly("file_bytes",
                              [](const OpenField& f) { return f.field().file_bytes(); })
+      .def_property_readonly("state", [](const OpenField& f) { return f.field().state(); })
+      .def_property_readonly("states",
+                             [](const OpenField& f) {
+                               py::list names;
+                               for (const auto& name : f.field().states()) names.append(Text(name));
+                               return py::tuple(names);
+                             })
+      .def("in_state", in_state<unsigned>, py::arg("state"))
+      .def("in_state", in_state<Text>, py::arg("state"))
       .def("content", content)
       .def("compose", compose, py::arg("structures"))
       .def("render", render, py::arg("camera"), py::arg("mode"), py::arg("level"), py::arg("depth"),

@@ -14,10 +14,10 @@ namespace {
 
 using Levels = std::array<std::optional<unsigned>, 2>;
 
-py::object build(const SceneHandle& handle, const Text& path, const SphereTuple& sphere,
-                 std::uint32_t entry, std::uint32_t exit, unsigned finest_level,
-                 unsigned entry_extra_levels, const std::string& codec, bool depth, bool half,
-                 unsigned threads, double commit_seconds, bool force,
+py::object build(const std::vector<std::pair<Text, SceneHandle>>& scenes, const Text& path,
+                 const SphereTuple& sphere, std::uint32_t entry, std::uint32_t exit,
+                 unsigned finest_level, unsigned entry_extra_levels, const std::string& codec,
+                 bool depth, bool half, unsigned threads, double commit_seconds, bool force,
                  const std::pair<std::uint32_t, std::uint32_t>& shard, const Levels& only_levels,
                  const Text& coarser, py::object progress) {
   BuildOptions options;
@@ -34,10 +34,13 @@ py::object build(const SceneHandle& handle, const Text& path, const SphereTuple&
   options.replace = force;
   options.shard = {shard.first, shard.second, only_levels[0], only_levels[1], coarser};
   LongCall call(std::move(progress));
-  const auto report = value_of(
-      handle.trace(call,
-                   [&] { return build_field(*handle.scene, path, options, call.progress()); }),
-      path);
+  std::vector<FieldState> states;
+  for (const auto& [name, handle] : scenes) states.push_back({name, handle.scene.get()});
+  auto built = scenes.front().second.trace(
+      call, [&] { return build_field(states, path, options, call.progress()); });
+  for (const auto& [name, handle] : scenes)
+    if (handle.rays) handle.rays->rethrow();
+  const auto report = value_of(std::move(built), path);
   return tuple_named("BuildReport", report.tiles, report.resumed);
 }
 
@@ -109,11 +112,11 @@ py::object evaluate(const OpenField& open, const SceneHandle& handle,
 }  // namespace
 
 void bind_writers(py::module_& module) {
-  module.def("build", build, py::arg("scene"), py::arg("path"), py::arg("sphere"), py::arg("entry"),
-             py::arg("exit"), py::arg("finest_level"), py::arg("entry_extra_levels"),
-             py::arg("codec"), py::arg("depth"), py::arg("half"), py::arg("threads"),
-             py::arg("commit_seconds"), py::arg("force"), py::arg("shard"), py::arg("only_levels"),
-             py::arg("coarser"), py::arg("progress"));
+  module.def("build", build, py::arg("states"), py::arg("path"), py::arg("sphere"),
+             py::arg("entry"), py::arg("exit"), py::arg("finest_level"),
+             py::arg("entry_extra_levels"), py::arg("codec"), py::arg("depth"), py::arg("half"),
+             py::arg("threads"), py::arg("commit_seconds"), py::arg("force"), py::arg("shard"),
+             py::arg("only_levels"), py::arg("coarser"), py::arg("progress"));
   module.def("repack", repack, py::arg("field"), py::arg("path"), py::arg("codec"),
              py::arg("depth"), py::arg("finest_level"), py::arg("subfields"), py::arg("half"),
              py::arg("light"), py::arg("memory"), py::arg("threads"), py::arg("force"),

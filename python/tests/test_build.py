@@ -594,3 +594,28 @@ def test_threads_may_share_a_scene(voxels):
         other[0].join()
     assert totals[1] > {rows} and totals[2] == {rows}
     assert np.array_equal(pictures[1], pictures[2]) and pictures[1].any()
+
+
+def test_states(tmp_path):
+    voxels = np.zeros((12, 12, 12), np.uint8)
+    voxels[2:10, 2:10, 2:10] = 200
+    half = voxels.copy()
+    half[6:] = 0
+    field = slf.build(voxels, tmp_path / "a.slf", lighting="direct", **SMALL,
+                      states=[{"name": "whole"}, {"name": "half", "source": half},
+                              {"name": "again", "transfer": None}])
+    assert field.states == ("whole", "half", "again") and field.state == 0
+    whole, cut = field.render(size=(32, 32)), field.render(size=(32, 32), state="half")
+    assert (whole != cut).any()
+    assert (field.render(size=(32, 32), state=2) == whole).all()
+    assert field.in_state("again").content().payload_bytes == 0
+    assert field.in_state(1) is field.in_state(1)
+    assert (slf.open(tmp_path / "a.slf", state=1).render(size=(32, 32)) == cut).all()
+    own = slf.build(half, tmp_path / "b.slf", lighting="direct", **SMALL,
+                    center=field.sphere.center, radius=field.sphere.radius)
+    assert own.states == ()
+    assert field.in_state(1).evaluate(half, 2).psnr == pytest.approx(own.evaluate(half, 2).psnr, abs=0.5)
+    with pytest.raises(slf.UsageError, match="whole, half, again"):
+        field.render(state="none")
+    with pytest.raises(slf.UsageError, match="has no state 3"):
+        field.in_state(3)

@@ -41,6 +41,7 @@ struct Tile {
   std::uint64_t checksum = 0;
   std::uint64_t offset = 0;  ///< of the payload in the value; set by reading
   std::uint64_t size = 0;    ///< of the payload; set by reading
+  std::uint64_t back = 0;    ///< if it is the same: how many states before its own
 };
 
 /// A record whose header and table have been checked. Views the value.
@@ -90,6 +91,7 @@ class Record {
   std::optional<TileKey> previous_;
   std::uint32_t count_ = 0;
   std::uint32_t stored_ = 0;
+  bool has_same_ = false;      ///< whether tiles can be the same as earlier ones
   std::size_t checksums_ = 0;  ///< offset of the table of checksums
   std::size_t payloads_ = 0;   ///< offset of the first payload
 };
@@ -107,7 +109,8 @@ class Record {
 /// Rounds up to the alignment of checksums and payloads.
 [[nodiscard]] constexpr std::size_t align8(std::size_t offset) { return (offset + 7) / 8 * 8; }
 
-/// How many bytes the code of a payload of `size` bytes takes. Size 0: an empty or missing tile.
-[[nodiscard]] std::size_t code_bytes(std::uint64_t size);
+/// How many bytes the code of a tile takes, mostly: one more may be needed beside tiles that are
+/// the same as earlier ones.
+[[nodiscard]] std::size_t code_bytes(const Tile& tile);
 
 }  // namespace slf::storage::internal

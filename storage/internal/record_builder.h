@@ -58,6 +58,7 @@ struct NewTile {
   TileState state = TileState::empty;
   Payload payload = {};
   std::optional<std::uint64_t> checksum = {};  ///< of the payload, if known
+  std::uint64_t back = 0;                      ///< as Tile::back
   std::size_t record_bytes = 0;  ///< of a record that ends with this tile; set by RecordBuilder
 };
 

@@ -36,6 +36,33 @@ TEST(Manifest, RoundTrips) {
   EXPECT_EQ(parsed->to_json(), example().to_json());
 }
 
+TEST(Manifest, StatesDifferFromTheFirst) {
+  Manifest manifest = example();
+  EXPECT_FALSE(manifest.to_json()->contains("states"));
+  manifest.states = {{"whole", nlohmann::json::object()},
+                     {"cut", nlohmann::json{{"name", nullptr}, {"clip", {1, 2}}}}};
+  const nlohmann::json good = *manifest.to_json();
+  EXPECT_EQ(good["required"], nlohmann::json{"states"});
+  const auto parsed = Manifest::parse(good.dump(), "x.slf");
+  ASSERT_TRUE(parsed) << parsed.error().message;
+  EXPECT_EQ(parsed->shape.states, 2u);
+  EXPECT_EQ(parsed->shape.tiles(1), 2 * example().shape.tiles(1));
+  EXPECT_EQ(*parsed->provenance_of(0), *example().provenance);
+  EXPECT_EQ(*parsed->provenance_of(1), (nlohmann::json{{"kind", "scene"}, {"clip", {1, 2}}}));
+  for (const auto& [at, wrong] : std::vector<std::pair<const char*, nlohmann::json>>{
+           {"/states", 1},
+           {"/states", nlohmann::json::array()},
+           {"/states", nlohmann::json(4097, good["states"][0])},
+           {"/states/1", "cut"},
+           {"/states/1/name", ""},
+           {"/states/1/name", 5},
+           {"/states/0/provenance", 5}}) {
+    nlohmann::json broken = good;
+    broken[nlohmann::json::json_pointer(at)] = wrong;
+    EXPECT_EQ(parse_error(broken), ErrorCode::bad_file) << at << " " << wrong;
+  }
+}
+
 TEST(Manifest, EveryMemberIsNeededAndChecked) {
   const nlohmann::json good = *example().to_json();
   for (const char* at : {"/slf/major", "/sphere/radius", "/sphere/center/1", "/entry_side",

@@ -41,8 +41,8 @@ void read_file(ByteSpan file) {
   if (!complete(store, file, [&] { return store.open(); })) return;
   for (const char* name : {"manifest.json", "container", ""})
     (void)complete(store, file, [&] { return store.blob(name); });
-  for (const TileKey key :
-       {TileKey{0, 0}, TileKey{0, 3}, TileKey{1, 0}, TileKey{1, 4000}, TileKey{254, 1}}) {
+  for (const TileKey key : {TileKey{0, 0}, TileKey{0, 3}, TileKey{1, 0}, TileKey{1, 4000},
+                            TileKey{254, 1}, in_state({0, 3}, 1)}) {
     const auto found = complete(store, file, [&] { return store.find(key); });
     if (found && found->state == TileState::stored)
       require(found->payload.begin <= found->payload.end && found->payload.end <= file.size());

@@ -44,9 +44,12 @@ void read_store(const TileStore& store) {
         return {};
       },
       [](const Damage&) {});
-  for (const TileKey key : {TileKey{0, 0}, TileKey{0, 3}, TileKey{1, 4000}, TileKey{254, 1}})
+  const std::vector<TileKey> keys{{0, 0}, {0, 3}, {1, 4000}, {254, 1}, in_state({0, 3}, 1)};
+  for (const TileKey key : keys)
     if (auto tile = store.find(key)) (void)store.check(*tile);
+  (void)store.find_all(keys);
   (void)store.statistics();
+  (void)store.covered();
   store.advise(tiles);
   store.release(tiles);
   std::vector<Error> findings;
@@ -54,10 +57,10 @@ void read_store(const TileStore& store) {
   if (findings.size() > 1000) std::abort();
 }
 
-void read_record(Bytes bytes) {
+void read_record(Bytes bytes, std::uint32_t magic) {
   if (bytes.size() < internal::kRecordHeader) return;
   const std::size_t table = internal::Record::table_end(bytes);
-  store_le<std::uint32_t>(&bytes[8], 0x32524C53);
+  store_le<std::uint32_t>(&bytes[8], magic);
   if (table <= bytes.size())
     store_le(bytes.data(), internal::checksum(ByteSpan(bytes).subspan(8, table - 8)));
   const auto record = internal::Record::parse(bytes);
@@ -69,12 +72,16 @@ void read_record(Bytes bytes) {
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   const ByteSpan bytes = std::as_bytes(std::span(data, size));
-  read_record(Bytes(bytes.begin(), bytes.end()));
+  for (const std::uint32_t magic : {0x32524C53, 0x33524C53})
+    read_record(Bytes(bytes.begin(), bytes.end()), magic);
   (void)internal::decode_container(bytes);
 
   const int file = memfd_create("store", MFD_CLOEXEC);
   if (file < 0 || write(file, data, size) != static_cast<ssize_t>(size)) std::abort();
-  if (auto store = TileStore::open("/proc/self/fd/" + std::to_string(file))) read_store(*store);
+  if (auto store = TileStore::open("/proc/self/fd/" + std::to_string(file))) {
+    read_store(*store);
+    for (const unsigned state : {0u, 1u, 4095u}) read_store(store->in_state(state));
+  }
   close(file);
   return 0;
 }

@@ -15,8 +15,19 @@ using ::testing::HasSubstr;
 
 constexpr std::uint64_t kAllTiles = 240;
 
+/// Of each level 50 tiles in two states.
+TileKey key_of(std::uint64_t i) {
+  return in_state({static_cast<std::uint8_t>(i / 100), i % 50}, i % 100 / 50);
+}
+std::uint64_t count_to(TileKey last) {
+  return last.level * 100 + state_of(last) * 50 + in_state(last, 0).index + 1;
+}
+
+/// Whether a tile is the same as that of the first state.
+bool is_same(std::uint64_t i) { return i % 100 >= 50 && i % 3 != 0; }
+
 Bytes written_tile(std::uint64_t i) {
-  return tile_bytes({static_cast<std::uint8_t>(i / 100), i % 100}, i * 131 % 9000);
+  return is_same(i) ? written_tile(i - 50) : tile_bytes(key_of(i), i * 131 % 9000 + 1);
 }
 
 // Appends what is not there yet, with a commit every 20 tiles. `report` hears of commits.
@@ -27,13 +38,16 @@ Result<void> build(const std::string& path, const Report& report) {
   if (!writer) return tl::unexpected(writer.error());
   const std::optional<TileKey> last = writer->last();
   for (std::uint64_t i = 0; i < kAllTiles; ++i) {
-    const TileKey key{static_cast<std::uint8_t>(i / 100), i % 100};
+    const TileKey key = key_of(i);
     if (!last || key > *last)
-      if (auto done = writer->append(key, written_tile(i)); !done) return done;
+      if (auto done =
+              is_same(i) ? writer->append_same(key, 1) : writer->append(key, written_tile(i));
+          !done)
+        return done;
     if (i % 20 != 19) continue;
     if (auto done = writer->commit(); !done) return done;
     const auto now = writer->last();
-    report(now ? now->level * 100 + now->index + 1 : 0);
+    report(now ? count_to(*now) : 0);
   }
   auto done = writer->close();
   if (done) report(kAllTiles);
@@ -53,7 +67,7 @@ void expect_kept(const std::string& path, std::uint64_t committed) {
   for (const Error& finding : findings) ADD_FAILURE() << finding.message;
   std::uint64_t i = 0;
   for (const auto& [key, bytes] : contents(*store)) {
-    EXPECT_EQ(key, (TileKey{static_cast<std::uint8_t>(i / 100), i % 100}));
+    EXPECT_EQ(key, key_of(i));
     EXPECT_EQ(bytes, written_tile(i));
     ++i;
   }

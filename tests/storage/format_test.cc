@@ -42,6 +42,36 @@ TEST(Format, ARecordIsTheseBytes) {
   EXPECT_EQ(hex(ByteSpan(record).subspan(72, 3)), "070707");
 }
 
+TEST(Format, ARecordWithTilesOfEarlierStatesIsTheseBytes) {
+  const TileKey first = in_state({2, 7}, 300);
+  const Bytes abc = bytes_of("abc");
+  const std::vector<internal::Tile> tiles = {stored(first, abc),
+                                             {TileState::same, {}, 0, 0, 0, 1},
+                                             {TileState::empty, {}, 0},
+                                             {TileState::same, {}, 0, 0, 0, 300},
+                                             {TileState::missing, {}, 0}};
+  const Bytes record = internal::encode_record(std::nullopt, first, tiles);
+  EXPECT_EQ(hex(ByteSpan(record).subspan(8, 40)),
+            "534c523302ff0500"
+            "070000000000b004"
+            "0000000000000000"
+            "010008000502010002ac0201"
+            "00000000");
+  const auto read = internal::Record::parse(record);
+  ASSERT_TRUE(ok(read));
+  std::vector<std::uint64_t> back;
+  for (internal::Record::Walk walk(*read); walk.next();) {
+    EXPECT_EQ(walk.tile().state, tiles[walk.position()].state);
+    EXPECT_EQ(Bytes(walk.tile().payload.begin(), walk.tile().payload.end()),
+              Bytes(tiles[walk.position()].payload.begin(), tiles[walk.position()].payload.end()));
+    back.push_back(walk.tile().back);
+  }
+  EXPECT_EQ(back, (std::vector<std::uint64_t>{0, 1, 0, 300, 0}));
+  // No state is before the first one.
+  const auto early = internal::encode_record(std::nullopt, in_state(first, 299), tiles);
+  EXPECT_FALSE(internal::Record::parse(early));
+}
+
 TEST(Format, ARecordReadsBackAsWritten) {
   const Bytes abc = bytes_of("abc");
   const std::vector<internal::Tile> tiles = {stored({9, 5}, abc), {}, {TileState::empty, {}, 0}};
@@ -62,11 +92,13 @@ TEST(Format, ForgedRecordsAreRefusedOrHarmless) {
   const Bytes payload(100, std::byte{1});
   std::vector<internal::Tile> tiles;
   for (std::uint64_t i = 0; i < 20; ++i) tiles.push_back(stored({1, i}, payload));
-  const Bytes good = internal::encode_record(std::nullopt, {1, 0}, tiles);
+  std::vector<Bytes> good = {internal::encode_record(std::nullopt, {1, 0}, tiles)};
+  for (std::size_t i = 0; i < 20; i += 3) tiles[i] = {TileState::same, {}, 0, 0, 0, 1 + i * 9};
+  good.push_back(internal::encode_record(std::nullopt, in_state({1, 0}, 200), tiles));
   std::mt19937 random(5);
   int accepted = 0;
   for (int round = 0; round < 200000; ++round) {
-    Bytes forged = good;
+    Bytes forged = good[random() % good.size()];
     for (std::size_t n = random() % 3 + 1; n-- > 0;)
       forged[8 + random() % 72] = static_cast<std::byte>(random() % 4 == 0 ? 255 : random());
     forged.resize(random() % 8 == 0 ? random() % 300 : forged.size());
@@ -79,6 +111,8 @@ TEST(Format, ForgedRecordsAreRefusedOrHarmless) {
     if (!record) continue;
     ++accepted;
     for (internal::Record::Walk walk(*record); walk.next();) {
+      EXPECT_LE(walk.tile().back, state_of(record->first()));
+      EXPECT_EQ(walk.tile().back > 0, walk.tile().state == TileState::same);
       const ByteSpan view = walk.tile().payload;
       const bool inside =
           view.empty() || (view.data() >= forged.data() &&

@@ -21,14 +21,22 @@ class History {
     // Mostly neighbours; now and then a gap, a large gap, or a new level.
     const auto step = *rc::gen::weightedElement<std::uint64_t>(
         {{20, 1}, {3, 2}, {1, 700}, {1, 1500}, {1, std::uint64_t{1} << 40}});
-    const auto level_up = *rc::gen::weightedElement<int>({{9, 0}, {1, 1}});
+    // 1: a new level; 2: a new state of it.
+    const auto level_up = *rc::gen::weightedElement<int>({{8, 0}, {1, 1}, {2, 2}});
     const auto size = *rc::gen::element<std::size_t>(0, 1, 40, 900, 5000, 70000, 300000);
     for (int i = 0; i < run; ++i) {
       TileKey key = top_ ? TileKey{top_->level, top_->index + step} : TileKey{};
-      if (i == 0 && level_up != 0 && top_) key = {static_cast<std::uint8_t>(top_->level + 1), 0};
+      if (i == 0 && level_up == 1 && top_) key = {static_cast<std::uint8_t>(top_->level + 1), 0};
+      if (i == 0 && level_up == 2 && top_) key = in_state({top_->level, 0}, state_of(*top_) + 1);
       const Bytes bytes = tile_bytes(key, size == 0 ? 0 : size + key.index % 9, salt_);
-      RC_ASSERT(writer_->append(key, bytes).has_value());
-      held_[key] = bytes;
+      const TileKey earlier = in_state(key, state_of(key) / 2);
+      const bool same = state_of(key) > 0 && key.index % 3 > 0 && is_stored(earlier);
+      RC_ASSERT((same ? writer_->append_same(key, state_of(key) - state_of(earlier))
+                      : writer_->append(key, bytes))
+                    .has_value());
+      held_[key] = same ? Bytes() : bytes;
+      if (same) same_[key] = earlier;
+      if (!same) same_.erase(key);
       top_ = key;
     }
   }
@@ -78,7 +86,9 @@ class History {
     std::vector<Error> findings;
     store->check_structure(findings);
     RC_ASSERT(findings.empty());
-    RC_ASSERT(contents(*store) == kept_);
+    Model expected;
+    for (const auto& [key, bytes] : kept_) expected[key] = shown_bytes(key);
+    RC_ASSERT(contents(*store) == expected);
     const auto random = *rc::gen::arbitrary<std::uint64_t>();
     for (const auto& [key, bytes] : kept_) {
       if ((key.index + random) % 7 != 0) continue;
@@ -87,16 +97,33 @@ class History {
         const auto found = store->find(near);
         RC_ASSERT(found.has_value());
         const auto expected = kept_.find(near);
-        RC_ASSERT((found->state == TileState::missing) == (expected == kept_.end()));
-        if (expected == kept_.end()) continue;
-        RC_ASSERT(std::ranges::equal(found->payload, expected->second));
+        const bool lost = same_.contains(near) && shown_bytes(near).empty();
+        RC_ASSERT((found->state == TileState::missing) == (expected == kept_.end() || lost));
+        if (found->state == TileState::missing) continue;
+        RC_ASSERT((found->source != near) == same_.contains(near));
+        const auto seen = find_whole(*store, near);
+        RC_ASSERT(seen.has_value());
+        RC_ASSERT(std::ranges::equal(seen->payload, shown_bytes(near)));
       }
     }
   }
 
  private:
+  [[nodiscard]] bool is_stored(TileKey key) const {
+    for (const Model* model : {&held_, &kept_})
+      if (const auto tile = model->find(key); tile != model->end()) return !tile->second.empty();
+    return false;
+  }
+
+  [[nodiscard]] Bytes shown_bytes(TileKey key) const {
+    const auto same = same_.find(key);
+    const auto tile = kept_.find(same == same_.end() ? key : same->second);
+    return tile == kept_.end() ? Bytes() : tile->second;
+  }
+
   void take_replaced() {
     for (const auto& [key, tile] : replaced_) {
+      same_.erase(key);
       if (tile.first == TileState::missing)
         kept_.erase(key);
       else
@@ -117,6 +144,7 @@ class History {
   std::optional<TileWriter> writer_;
   Model kept_;
   Model held_;
+  std::map<TileKey, TileKey> same_;  // of both: the tile of an earlier state that it is
   std::map<TileKey, std::pair<TileState, Bytes>> replaced_;  // not committed
   std::optional<TileKey> top_;
   std::uint64_t salt_ = 0;

@@ -10,6 +10,7 @@
 #include <fstream>
 #include <map>
 #include <random>
+#include <set>
 #include <string>
 #include <utility>
 #include <vector>
@@ -67,6 +68,14 @@ inline TileWriter create(const std::string& path) {
   return std::move(writer.value());
 }
 
+/// A tile whose payload is whole, if it has one.
+inline Result<TileRef> find_whole(const TileStore& store, TileKey key) {
+  auto tile = store.find(key);
+  if (tile)
+    if (auto good = store.check(*tile); !good) return tl::unexpected(good.error());
+  return tile;
+}
+
 /// Everything it gives when visited, payloads checked.
 inline Model contents(const TileStore& store) {
   Model model;
@@ -74,7 +83,10 @@ inline Model contents(const TileStore& store) {
     EXPECT_NE(tile.state, TileState::missing);
     EXPECT_TRUE(ok(store.check(tile)));
     EXPECT_TRUE(model.empty() || model.rbegin()->first < tile.key);
-    model[tile.key] = Bytes(tile.payload.begin(), tile.payload.end());
+    const auto same = find_whole(store, tile.key);
+    EXPECT_TRUE(ok(same));
+    EXPECT_TRUE(tile.state == TileState::same || same->payload.data() == tile.payload.data());
+    model[tile.key] = Bytes(same->payload.begin(), same->payload.end());
     return Result<void>();
   });
   EXPECT_TRUE(ok(visited));
@@ -84,7 +96,7 @@ inline Model contents(const TileStore& store) {
 /// find_all() gives, for the tiles of the model and some that are not there, in any order and
 /// repeatedly, exactly what find() gives. In a damaged file it may find more: a record that was
 /// reached by another of its tiles.
-inline void expect_finds_alike(const TileStore& store, const Model& model) {
+inline void expect_finds_alike_in_one(const TileStore& store, const Model& model) {
   std::vector<TileKey> keys{{0, 0}, {7, 7}, {254, ~std::uint64_t{0}}};
   for (const auto& [key, bytes] : model) {
     keys.push_back(key);
@@ -109,7 +121,27 @@ inline void expect_finds_alike(const TileStore& store, const Model& model) {
     EXPECT_EQ(all[i]->payload.data(), one->payload.data());
     EXPECT_EQ(all[i]->payload.size(), one->payload.size());
     EXPECT_EQ(all[i]->checksum, one->checksum);
+    EXPECT_EQ(all[i]->source, one->source);
   }
+}
+
+/// The tiles of one state, with the keys that its readers use.
+inline Model of_state(const Model& model, std::uint64_t state) {
+  Model own;
+  for (const auto& [key, bytes] : model)
+    if (state_of(key) == state) own[in_state(key, 0)] = bytes;
+  return own;
+}
+
+/// The same of all states together, and of each alone.
+inline void expect_finds_alike(const TileStore& store, const Model& model) {
+  expect_finds_alike_in_one(store, model);
+  std::set<std::uint64_t> states;
+  for (const auto& [key, bytes] : model) states.insert(state_of(key));
+  for (const std::uint64_t state : states)
+    if (states.size() > 1)
+      expect_finds_alike_in_one(store.in_state(static_cast<unsigned>(state)),
+                                of_state(model, state));
 }
 
 /// No finding, and find() agrees with the model for its tiles.
@@ -122,10 +154,9 @@ inline void expect_holds(const std::string& path, const Model& model) {
   EXPECT_EQ(contents(*store), model);
   expect_finds_alike(*store, model);
   for (const auto& [key, bytes] : model) {
-    const auto tile = store->find(key);
+    const auto tile = find_whole(*store, key);
     ASSERT_TRUE(ok(tile));
     EXPECT_EQ(tile->state, bytes.empty() ? TileState::empty : TileState::stored);
-    EXPECT_TRUE(ok(store->check(*tile)));
     EXPECT_EQ(Bytes(tile->payload.begin(), tile->payload.end()), bytes);
   }
 }

@@ -81,6 +81,87 @@ TEST(TileStore, HoldsIndexesOf64Bits) {
   expect_holds(path, model);
 }
 
+TEST(TileStore, ShowsOneStateAsIfItWereTheOnlyOne) {
+  TemporaryFolder folder;
+  const std::string path = folder / "a.slf";
+  Model model;
+  {
+    TileWriter writer = create(path);
+    const auto append = [&](TileKey key, std::size_t size) {
+      model[key] = tile_bytes(key, size);
+      ASSERT_TRUE(ok(writer.append(key, model[key])));
+    };
+    const auto append_same = [&](TileKey key, std::uint64_t back) {
+      model[key] = model[in_state(key, state_of(key) - back)];
+      ASSERT_TRUE(ok(writer.append_same(key, back)));
+    };
+    for (const std::uint8_t level : {std::uint8_t{0}, std::uint8_t{3}}) {
+      for (std::uint64_t i = 0; i < 3000; ++i) append({level, i}, i % 7 == 0 ? 0 : 20 + i % 90);
+      for (std::uint64_t i = 0; i < 3000; ++i)
+        if (i % 7 == 0 || i % 3 == 0)
+          append(in_state({level, i}, 1), 300);
+        else if (i % 3 == 1)
+          append_same(in_state({level, i}, 1), 1);
+      for (std::uint64_t i = 0; i < 3000; ++i)
+        if (i % 3 == 0)
+          append_same(in_state({level, i}, 4095), 4094);
+        else if (i % 7 != 0)
+          append_same(in_state({level, i}, 4095), 4095);
+    }
+    for (const std::uint64_t back : {0, 2})
+      EXPECT_EQ(writer.append_same(in_state({4, 0}, 1), back).error().code, ErrorCode::usage);
+    ASSERT_TRUE(ok(writer.close()));
+  }
+  expect_holds(path, model);
+  const auto store = TileStore::open(path);
+  ASSERT_TRUE(ok(store));
+  std::uint64_t payloads = 0;
+  for (const unsigned state : {0u, 1u, 4095u}) {
+    const TileStore shown = store->in_state(state);
+    const Model own = of_state(model, state);
+    EXPECT_EQ(contents(shown), own) << state;
+    const auto levels = shown.statistics();
+    ASSERT_TRUE(ok(levels));
+    ASSERT_EQ(levels->size(), 2u);
+    EXPECT_EQ(levels->back().stored + levels->back().empty + levels->back().same, own.size() / 2);
+    payloads += levels->front().payload_bytes;
+    const auto covered = shown.covered();
+    ASSERT_TRUE(ok(covered));
+    EXPECT_EQ(covered->back().end, (TileKey{3, std::prev(own.end())->first.index + 1}));
+    // A tile of another state, by how many states it is away.
+    const auto other = shown.find(in_state({3, 9}, 1 - std::uint64_t{state}));
+    ASSERT_TRUE(ok(other));
+    EXPECT_TRUE(std::ranges::equal(other->payload, model[in_state({3, 9}, 1)]));
+    // What a reader of a tile touches is that of its own state, and of the one that it names.
+    const auto pages = shown.pages(std::vector<TileKey>{{3, 2998}});
+    const auto range = shown.range(*shown.find({3, 2998}));
+    ASSERT_TRUE(ok(pages));
+    EXPECT_TRUE(std::ranges::binary_search(*pages, range.begin / 4096));
+  }
+  const auto all = store->statistics();
+  ASSERT_TRUE(ok(all));
+  EXPECT_EQ(all->front().payload_bytes, payloads);
+}
+
+TEST(TileStore, ATileThatIsTheSameAsNoneThatIsStoredIsMissing) {
+  TemporaryFolder folder;
+  const std::string path = folder / "a.slf";
+  {
+    TileWriter writer = create(path);
+    ASSERT_TRUE(ok(writer.append({0, 1}, {})));
+    ASSERT_TRUE(ok(writer.append({0, 2}, bytes_of("two"))));
+    for (std::uint64_t i = 0; i < 3; ++i)
+      ASSERT_TRUE(ok(writer.append_same(in_state({0, i}, 1), 1)));
+    ASSERT_TRUE(ok(writer.append_same(in_state({0, 2}, 2), 1)));
+    ASSERT_TRUE(ok(writer.close()));
+  }
+  const auto store = TileStore::open(path);
+  ASSERT_TRUE(ok(store));
+  EXPECT_EQ(contents(store->in_state(1)), (Model{{{0, 2}, bytes_of("two")}}));
+  EXPECT_EQ(contents(store->in_state(2)), Model());
+  EXPECT_EQ(store->in_state(2).find({0, 2})->state, TileState::missing);
+}
+
 TEST(TileStore, HoldsTilesOfAllSizes) {
   TemporaryFolder folder;
   const std::string path = folder / "a.slf";

@@ -266,6 +266,36 @@ std::uint64_t transaction(const std::string& path) {
                   load_le<std::uint64_t>(file.data() + 4096 + 144));
 }
 
+TEST(TileWriter, ReplacesTilesByThoseOfEarlierStatesAndBack) {
+  TemporaryFolder folder;
+  const std::string path = folder / "a.slf";
+  Model model;
+  {
+    TileWriter writer = create(path);
+    for (std::uint64_t state = 0; state < 3; ++state)
+      for (std::uint64_t i = 0; i < 40; ++i) {
+        const TileKey key = in_state({0, i}, state);
+        model[key] = state == 1 ? model[{0, i}] : tile_bytes(key, 300);
+        ASSERT_TRUE(ok(state == 1 ? writer.append_same(key, 1) : writer.append(key, model[key])));
+      }
+    ASSERT_TRUE(ok(writer.close()));
+  }
+  auto writer = TileWriter::resume(path);
+  ASSERT_TRUE(ok(writer));
+  for (std::uint64_t i = 0; i < 39; i += 3) {
+    const TileKey own = in_state({0, i}, 1), same = in_state({0, i + 1}, 2);
+    model[own] = tile_bytes(own, 70);
+    ASSERT_TRUE(ok(writer->replace(own, TileState::stored, model[own])));
+    model[same] = model[{0, i + 1}];
+    ASSERT_TRUE(ok(writer->replace(same, TileState::same, {}, 2)));
+  }
+  for (const auto& [state, back] :
+       {std::pair{TileState::same, 0}, {TileState::same, 2}, {TileState::empty, 1}})
+    EXPECT_EQ(writer->replace(in_state({0, 5}, 1), state, {}, back).error().code, ErrorCode::usage);
+  ASSERT_TRUE(ok(writer->close()));
+  expect_holds(path, model);
+}
+
 TEST(TileWriter, ReplacesManyTilesInOneCommitAndTouchesNoOtherRecord) {
   TemporaryFolder folder;
   const std::string path = folder / "a.slf";

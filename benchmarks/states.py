@@ -1,0 +1,108 @@
+#!/usr/bin/env python3
+"""States of one object: a field of all beside a field of each.
+
+  benchmarks/states.py VOLUME [--slf build/release/cli/slf] [--folder states-benchmark] [OPTIONS]
+
+The states are a volume, and the same cut open by planes ever further down: `--states N` in all. With
+`--times`, they are the time points of a 4-D volume. For each state it prints the bytes that it adds
+to the field of all, the bytes of a field of its own, what share of tiles it has in common with
+earlier states, and the PSNR of views of both fields to ray-casting. Then the sums: all states in one
+field; a field for each; the same if equal tiles were stored once, but nothing were predicted from
+other states. Options after `--` are those of `slf build`, as `-- --levels 1 --lighting direct`.
+"""
+
+import argparse
+import json
+import pathlib
+import subprocess
+import sys
+
+
+class Benchmark:
+    def __init__(self, options):
+        self.options = options
+        self.folder = pathlib.Path(options.folder)
+        self.folder.mkdir(parents=True, exist_ok=True)
+
+    def slf(self, *arguments):
+        done = subprocess.run([self.options.slf, "-q", *map(str, arguments)], text=True,
+                              capture_output=True, check=False)
+        if done.returncode != 0:
+            sys.exit(f"slf {' '.join(map(str, arguments))}: {done.stderr}")
+        return done.stdout
+
+    def states(self):
+        """The members of each state."""
+        volume, count = self.options.volume, self.options.states
+        if self.options.times:
+            return [{"name": f"time {t}", "time": t} for t in range(count)]
+        info = json.loads(self.slf("info", volume, "--json"))
+        low = info["origin"][2]
+        high = low + sum(axis * (side - 1) for axis, side in
+                         zip([a[2] for a in info["axes"]], info["dims"]))
+        cuts = [max(low, high) - abs(high - low) * self.options.depth * k / (count - 1)
+                for k in range(1, count)]
+        return [{"name": "whole"}] + [{"name": f"cut at {z:.4g}", "clip": [[0, 0, z, 0, 0, 1]]}
+                                      for z in cuts]
+
+    def tiles(self, field, *state):
+        return {tile["tile"]: tile for tile in json.loads(self.slf("ls", field, "--json", *state))}
+
+    def psnr(self, field, state, *shown):
+        source = ["--time", state["time"]] if "time" in state else []
+        return json.loads(self.slf("evaluate", field, "--volume", self.options.volume, *source,
+                                   "--views", self.options.views, "--size", 256, "--json",
+                                   *shown))["psnr"]
+
+    def run(self):
+        states = self.states()
+        build = self.options.build
+        file = self.folder / "states.json"
+        file.write_text(json.dumps({"states": states}))
+        whole = self.folder / "all.slf"
+        self.slf("build", self.options.volume, "--states", file, "-o", whole, *build)
+        sphere = json.loads(self.slf("info", whole, "--json"))["sphere"]
+        place = ["--center", ",".join(map(str, sphere["center"])), "--radius", sphere["radius"]]
+        added, alone, shared = [], [], []
+        print("state           added    own field  share  same tiles   PSNR  own field")
+        for number, state in enumerate(states):
+            own_file = self.folder / f"own-{number}.slf"
+            one = self.folder / "one.json"
+            one.write_text(json.dumps({"states": [state]}))
+            self.slf("build", self.options.volume, "--states", one, "-o", own_file, *place, *build)
+            tiles, own = self.tiles(whole, "--state", number), self.tiles(own_file)
+            new = [name for name, tile in tiles.items() if tile["state"] == "stored"]
+            stored = [name for name, tile in tiles.items() if tile["state"] != "empty"]
+            added.append(sum(tiles[name]["payload_bytes"] for name in new))
+            alone.append(sum(tile["payload_bytes"] for tile in own.values()))
+            shared.append(sum(own[name]["payload_bytes"] for name in new))
+            quality = [self.psnr(whole, state, "--state", number), self.psnr(own_file, state)]
+            print(f"{state['name']:14} {added[-1]:9} {alone[-1]:11}   {added[-1] / alone[-1]:.3f}  "
+                  f"{1 - len(new) / len(stored):10.3f}  {quality[0]:6.2f}  {quality[1]:6.2f}",
+                  flush=True)
+        rows = [("all in one field", sum(added)), ("a field for each", sum(alone)),
+                ("equal tiles stored once", sum(shared))]
+        for name, size in rows:
+            print(f"{name:24} {size:10} bytes of payloads, {size / alone[0]:.2f} x the first alone")
+        print(f"{'file of all':24} {whole.stat().st_size:10} bytes")
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__,
+                                     formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("volume")
+    parser.add_argument("--slf", default="build/release/cli/slf")
+    parser.add_argument("--folder", default="states-benchmark")
+    parser.add_argument("--states", type=int, default=8)
+    parser.add_argument("--times", action="store_true", help="time points instead of cuts")
+    parser.add_argument("--depth", type=float, default=0.7, help="how far down the last cut is")
+    parser.add_argument("--views", type=int, default=4)
+    arguments = sys.argv[1:]
+    at = arguments.index("--") if "--" in arguments else len(arguments)
+    options = parser.parse_args(arguments[:at])
+    options.build = arguments[at + 1:]
+    Benchmark(options).run()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,195 @@
+// Fields of several states: what is stored once, and that each state is a field of its own.
+#include <gmock/gmock.h>
+
+#include <nlohmann/json.hpp>
+
+#include "field/field_file.h"
+#include "slf/build.h"
+#include "slf/render.h"
+#include "slf/repack.h"
+#include "slf/verify.h"
+#include "storage/tile_writer.h"
+#include "tests/field/field_testing.h"
+
+namespace slf {
+namespace {
+
+using ::testing::HasSubstr;
+using testing::read_text;
+using testing::TemporaryFolder;
+
+/// A ball, of which planes leave a part; or another colour of it.
+class Ball final : public Scene {
+ public:
+  explicit Ball(double top, float red = 1) : top_(top), red_(red) {}
+  [[nodiscard]] Sphere bounds() const override { return {glm::dvec3(0), 1}; }
+  [[nodiscard]] RaySample trace(const glm::dvec3& from, const glm::dvec3& to) const override {
+    const auto hit = intersect({glm::dvec3(0), 0.6}, from, to - from);
+    if (!hit.hit) return {};
+    const glm::dvec3 at = from + hit.enter * (to - from);
+    if (at.z > top_) return {};
+    return {{red_ * (0.5 + at.x / 2), 0.5 + at.y / 2, 0.5, 1}, static_cast<float>(hit.enter)};
+  }
+  [[nodiscard]] std::string provenance() const override {
+    return "{\"kind\":\"ball\",\"top\":" + std::to_string(top_) +
+           (red_ == 1 ? "" : ",\"red\":" + std::to_string(red_)) + "}";
+  }
+
+ private:
+  double top_;
+  float red_;
+};
+
+class States : public ::testing::TestWithParam<const char*> {
+ protected:
+  BuildOptions options() const {
+    BuildOptions options;
+    options.shape.entry_side = 2;
+    options.shape.exit_side = 4;
+    options.shape.levels = 1;
+    options.codec = GetParam();
+    return options;
+  }
+  std::string path(const std::string& name) const { return folder_ / name; }
+  std::string build_all(const std::string& name = "all.slf") const {
+    const auto report = build_field(states_, path(name), options());
+    EXPECT_TRUE(report) << report.error().message;
+    return path(name);
+  }
+  static Image view(const Field& field) {
+    Camera camera;
+    camera.eye = {1.2, -2.5, 1.4};
+    camera.width = camera.height = 48;
+    auto image = Renderer(field).render(camera, {});
+    EXPECT_TRUE(image) << image.error().message;
+    return std::move(*image);
+  }
+
+  TemporaryFolder folder_;
+  Ball whole_{1}, cut_{0.3}, deep_{-0.2}, again_{0.3}, red_{0.3, 0.5f};
+  std::vector<FieldState> states_{
+      {"whole", &whole_}, {"cut", &cut_}, {"deep", &deep_}, {"again", &again_}, {"red", &red_}};
+};
+
+TEST_P(States, ShowWhatFieldsOfTheirOwnShow) {
+  const auto field = Field::open(build_all());
+  ASSERT_TRUE(field) << field.error().message;
+  EXPECT_EQ(field->states().size(), states_.size());
+  const bool lossless = std::string_view(GetParam()).find("lossless") != std::string_view::npos ||
+                        std::string_view(GetParam()) == "zstd:3";
+  for (unsigned s = 0; s < states_.size(); ++s) {
+    const auto state = field->in_state(s);
+    ASSERT_TRUE(state) << state.error().message;
+    EXPECT_EQ(state->provenance(), nlohmann::json::parse(states_[s].scene->provenance()).dump());
+    const auto built = build_field(*states_[s].scene, path("one.slf"), [&] {
+      BuildOptions own = options();
+      own.replace = true;
+      return own;
+    }());
+    ASSERT_TRUE(built) << built.error().message;
+    const auto own = Field::open(path("one.slf"));
+    ASSERT_TRUE(own);
+    const Image a = view(*state), b = view(*own);
+    double worst = 0;
+    for (std::size_t k = 0; k < a.rgba.size(); ++k)
+      worst = std::max(worst, double{glm::distance(a.rgba[k], b.rgba[k])});
+    EXPECT_LE(worst, lossless || s == 0 ? 0 : 0.2) << s;
+    const auto content = state->content();
+    ASSERT_TRUE(content);
+    EXPECT_TRUE(content->complete);
+    for (const LevelContent& level : content->levels)
+      EXPECT_EQ(level.same > 0, s == 1 || s == 2 || s == 3) << s << " at " << level.level;
+    // All that "again" shows is in "cut".
+    EXPECT_EQ(content->payload_bytes == 0, s == 3) << s;
+  }
+  const auto verified = verify_field(path("all.slf"), {});
+  ASSERT_TRUE(verified) << verified.error().message;
+  EXPECT_TRUE(verified->complete);
+  EXPECT_EQ(verified->found, 0u);
+}
+
+TEST_P(States, OneIsAFieldWithoutStates) {
+  ASSERT_TRUE(build_field(whole_, path("a.slf"), options()));
+  ASSERT_TRUE(build_field(std::span(states_).first(1), path("b.slf"), options()));
+  EXPECT_TRUE(read_text(path("a.slf")) == read_text(path("b.slf")));
+}
+
+TEST_P(States, AnInterruptedBuildEndsWithTheSameBytes) {
+  build_all();
+  for (const int stop : {1, 7, 20, 60, 200, 400}) {
+    BuildOptions often = options();
+    often.commit_seconds = 0;
+    int reports = 0;
+    const auto stopped = build_field(states_, path("b.slf"), often,
+                                     [&](const Progress&) { return ++reports < stop; });
+    EXPECT_FALSE(stopped) << stop;
+  }
+  build_all("b.slf");
+  const auto in_a = FieldFile::whole(path("all.slf")), in_b = FieldFile::whole(path("b.slf"));
+  ASSERT_TRUE(in_a && in_b);
+  std::vector<storage::TileRef> tiles;
+  const auto add = [&](const storage::TileRef& tile) -> Result<void> {
+    tiles.push_back(tile);
+    return {};
+  };
+  ASSERT_TRUE((*in_a)->store().visit({0, 0}, {255, 0}, add));
+  for (const storage::TileRef& tile : tiles) {
+    const auto one = (*in_a)->store().find(tile.key), other = (*in_b)->store().find(tile.key);
+    ASSERT_TRUE(one && other);
+    EXPECT_EQ(other->state, one->state);
+    EXPECT_EQ(other->source, one->source);
+    EXPECT_TRUE(std::ranges::equal(other->payload, one->payload));
+  }
+}
+
+TEST_P(States, ALostTileIsMissingInAllStatesThatShareIt) {
+  const std::string file = build_all();
+  TileKey shared, source;
+  {
+    const auto field = FieldFile::whole(file);
+    ASSERT_TRUE(field);
+    const auto take = [&](const storage::TileRef& tile) -> Result<void> {
+      if (tile.state == TileState::same) shared = tile.key, source = tile.source;
+      return {};
+    };
+    ASSERT_TRUE((*field)->store().visit({1, 0}, {2, 0}, take));
+    auto writer = storage::TileWriter::resume(file);
+    ASSERT_TRUE(writer);
+    ASSERT_TRUE(writer->replace(source, TileState::missing, {}));
+    ASSERT_TRUE(writer->close());
+  }
+  const auto verified = verify_field(file, {});
+  ASSERT_TRUE(verified);
+  EXPECT_FALSE(verified->complete);
+  EXPECT_EQ(verified->damaged, 0u);
+  EXPECT_THAT(verified->findings.at(0).message, HasSubstr(", which it is the same as, is missing"));
+  {
+    const auto state = Field::open(file)->in_state(static_cast<unsigned>(state_of(shared)));
+    ASSERT_TRUE(state);
+    EXPECT_EQ(state->file().store().find(in_state(shared, 0))->state, TileState::missing);
+  }
+  build_all();
+  EXPECT_EQ(verify_field(file, {})->found, 0u);
+}
+
+TEST_P(States, WhatCannotCopyThemSaysSo) {
+  const auto field = Field::open(build_all());
+  ASSERT_TRUE(field);
+  const auto repacked = repack_field(*field, path("r.slf"), {});
+  ASSERT_FALSE(repacked);
+  EXPECT_EQ(repacked.error().code, ErrorCode::unsupported);
+  BuildOptions shard = options();
+  shard.shard = {1, 2, {}, {}, {}};
+  EXPECT_EQ(build_field(states_, path("p.slf"), shard).error().code, ErrorCode::unsupported);
+  EXPECT_EQ(field->in_state(5).error().code, ErrorCode::usage);
+  EXPECT_THAT(field->in_state("none").error().message, HasSubstr("whole, cut, deep, again, red"));
+  EXPECT_EQ(field->in_state("deep")->state(), 2u);
+  states_.push_back({"cut", &deep_});
+  EXPECT_EQ(build_field(states_, path("q.slf"), options()).error().code, ErrorCode::usage);
+}
+
+INSTANTIATE_TEST_SUITE_P(Codecs, States,
+                         ::testing::Values("zstd:3", "predictive:lossless", "predictive:80"));
+
+}  // namespace
+}  // namespace slf
