@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Structures of a label volume in one field, drawn together, beside fields of single sets.
 
-  benchmarks/structures.py --slf build/release/cli/slf [--labels AllenAtlas.nii.gz] [-o out/structures]
+  benchmarks/structures.py --slf build/release/cli/slf [--labels VOLUME] [-o out/structures]
 
 Builds a field of six structures, groups of labels, with --each-label; and for each of four sets of
 visible structures one field that shows that set alone, with --only-labels. Prints, for each set,
@@ -105,7 +105,8 @@ def main():
     mib = {name: bench.payloads(field, name) for name in STRUCTURES}
     for name, size in mib.items():
         print(f"{name:30} {size:7.2f} MiB")
-    print(f"{'set':30} {'composed':>9} {'single':>9} {'MiB':>7} {'single':>7} {'s':>6} {'single':>6}")
+    print(f"{'set':30} {'composed':>9} {'single':>9} {'MiB':>7} {'single':>7} {'s':>6} "
+          f"{'single':>6}")
     sheet = []
 
     def draw(title, *structures):

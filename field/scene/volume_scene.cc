@@ -220,6 +220,9 @@ Result<std::unique_ptr<VolumeScene>> make_volume_scene(Volume volume,
     return fail(ErrorCode::bad_file, v.source,
                 ": all values are NaN or infinite: nothing is "
                 "visible under any transfer function; write the volume again");
+  if (!bounds && !options.structures.only.empty())
+    return fail_without("only_labels", ErrorCode::failed, v.source,
+                        ": no visible voxel has one of the labels to show");
   if (!bounds && !grid.clip.empty())
     return fail_without("clip", ErrorCode::failed, v.source,
                         ": nothing visible is left by the planes that clip it");

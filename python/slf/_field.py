@@ -19,8 +19,8 @@ from ._errors import UnsupportedError, UsageError
 from ._notebook import View, bundle
 from ._progress import Progress, reporter
 from ._source import SourceSettings, scene_of
-from ._types import (BuildReport, Camera, Content, Difference, Evaluation, Frame, Look,
-                     Measurement, MergeReport, Orbit, PickedPoint, Picture, RepackReport, Shape, Sphere, Tile,
+from ._types import (BuildReport, Camera, Content, Difference, Evaluation, Frame, Look, Measurement,
+                     MergeReport, Orbit, PickedPoint, Picture, RepackReport, Shape, Sphere, Tile,
                      Tone, VerifyReport, finite, orbit)
 
 Path = Union[str, "os.PathLike[str]"]
