@@ -20,20 +20,20 @@ import time
 
 FONT = "/usr/share/fonts/truetype/dejavu/DejaVuSans.ttf"
 ROOT = pathlib.Path(__file__).resolve().parents[1]
-# Of the Allen Human Reference Atlas 3D.
+# Labels of the Allen Human Reference Atlas 3D, named by where they lie.
 STRUCTURES = {
     "white matter": ([51], (0.93, 0.9, 0.82)),
     "cerebellum": ([120, 121], (0.9, 0.6, 0.35)),
-    "parietal": ([64, 66, 67, 68], (0.45, 0.65, 0.9)),
-    "temporal": ([80, 84, 85, 86], (0.55, 0.8, 0.45)),
-    "frontal": ([81, 82, 93, 94, 96, 97], (0.85, 0.4, 0.45)),
-    "occipital": ([78, 79, 138], (0.7, 0.5, 0.85)),
+    "frontal": ([66, 67, 68, 138], (0.45, 0.65, 0.9)),
+    "temporal": ([84, 85, 86], (0.55, 0.8, 0.45)),
+    "occipital": ([81, 93, 94, 96, 97], (0.85, 0.4, 0.45)),
+    "parietal": ([78, 79, 80, 82], (0.7, 0.5, 0.85)),
 }
 SETS = {
     "all": list(STRUCTURES),
     "without white matter": [name for name in STRUCTURES if name != "white matter"],
     "white matter and cerebellum": ["white matter", "cerebellum"],
-    "parietal, temporal, frontal": ["parietal", "temporal", "frontal"],
+    "frontal, temporal, cerebellum": ["frontal", "temporal", "cerebellum"],
 }
 
 
@@ -96,7 +96,7 @@ def main():
     parser.add_argument("-o", "--output", default="out/structures")
     parser.add_argument("--labels", default=ROOT.parent /
                         "shared/data/allen_brain_labels/AllenAtlas.nii.gz")
-    parser.add_argument("--build", default="--lighting direct --levels 2", help="of slf build")
+    parser.add_argument("--build", default="--lighting direct --levels 1", help="of slf build")
     parser.add_argument("--views", default="8")
     parser.add_argument("--size", default="256")
     bench = Bench(parser.parse_args())
