@@ -314,6 +314,7 @@ void DrawArguments::add_resources_to(CLI::App& command) {
       ->type_name("SIZE")
       ->group(group);
   add_threads(command, threads)->group(group);
+  add_structures_to(command);
 }
 
 RendererOptions DrawArguments::renderer() const {

@@ -11,6 +11,7 @@ struct BuildArguments {
   SourceArguments source;
   ShardArguments shard;
   std::string states, output;
+  bool each_label = false;
   bool force = false;
   BuildOptions build;
   double radius = 0;
@@ -32,7 +33,9 @@ Result<void> run_build(const BuildArguments& arguments) {
     source.pictures.sphere = Sphere{to_vector(arguments.center), arguments.radius};
   SLF_TRY(check_output(output, {&arguments.states, 1}));
   std::vector<MadeState> made;
-  if (arguments.states.empty()) {
+  if (arguments.each_label) {
+    made = SLF_TRY(make_label_states(source));
+  } else if (arguments.states.empty()) {
     auto scene = SLF_TRY(hinted(make_scene(source)));
     made.push_back({"", std::move(scene)});
   } else {
@@ -77,6 +80,12 @@ void add_build(CLI::App& app, Run& run) {
           "and options, as {\"states\": [{\"name\": \"bone\", \"transfer\": \"ct-bone\"},\n"
           "{\"name\": \"skin\", \"transfer\": \"ct-skin\"}]}")
       ->type_name(kAnyFile);
+  command
+      ->add_flag("--each-label", a->each_label,
+                 "Build a state of each structure of a label volume, to be drawn together, or\n"
+                 "some of them: labels of one name in --label-table are one structure. Light is\n"
+                 "that of all: what is hidden keeps its shadows")
+      ->excludes("--states");
   const char* group = "Field";
   auto& shape = a->build.shape;
   command

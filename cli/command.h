@@ -319,6 +319,8 @@ struct MadeState {
   std::string name;
   std::unique_ptr<Scene> scene;
 };
+/// A state for each structure of a label volume, which shows it alone, under one light of all.
+[[nodiscard]] Result<std::vector<MadeState>> make_label_states(const SourceArguments& common);
 /// The states that a JSON file lists (schemas/states.json): scenes with the `common` options, but
 /// for those of each state. Messages name the file and the state.
 [[nodiscard]] Result<std::vector<MadeState>> make_states(const std::string& file,
@@ -363,11 +365,18 @@ struct DrawArguments {
   std::uint64_t memory = 256ull << 20;
   std::optional<std::uint64_t> map_budget;  // none: no limit
   unsigned threads = 0;
+  std::vector<std::string> structures;
 
   /// Adds all options but --mode and --level.
   void add_resources_to(CLI::App& command);
   void add_to(CLI::App& command);
+  void add_structures_to(CLI::App& command);
   [[nodiscard]] RendererOptions renderer() const;
+  /// The files that are drawn from.
+  [[nodiscard]] std::vector<std::string> inputs(const FieldArguments& field) const;
+  /// The field, composed of the structures that are given, if any. Without any, and without a
+  /// state, a field whose states are the structures of a label volume is composed of all.
+  [[nodiscard]] Result<Field> open(const FieldArguments& field) const;
   /// Resolves --level auto for `camera`. Without a camera it stays kMatchingLevel.
   [[nodiscard]] Result<ViewOptions> view(const Field& field,
                                          std::optional<Camera> camera = {}) const;

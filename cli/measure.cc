@@ -113,7 +113,7 @@ void print_measurement(const Setting& s, const Measurement& m, std::uint32_t vie
 Result<void> run_measure(const MeasureArguments& a) {
   nlohmann::json runs = nlohmann::json::array();
   for (const std::string& path : a.fields) {
-    const auto field = SLF_TRY(open_field(path, a.state));
+    const auto field = SLF_TRY(a.draw.open({path, a.state}));
     const std::vector<RenderMode> modes =
         a.modes.empty() ? std::vector{default_mode(field)} : a.modes;
     for (const RenderMode mode : modes)
@@ -218,7 +218,7 @@ Result<void> evaluate_with_pictures(const EvaluateArguments& a, const Field& fie
 }
 
 Result<void> run_evaluate(const EvaluateArguments& a) {
-  const auto field = SLF_TRY(a.field.open());
+  const auto field = SLF_TRY(a.draw.open(a.field));
   if (a.source.input.empty()) return evaluate_with_pictures(a, field);
   const auto cameras = a.views.cameras(field.shape().sphere, a.distance, a.size);
   const auto view = SLF_TRY(a.draw.view(field, cameras.front()));

@@ -43,7 +43,7 @@ Result<void> run_pick(const Arguments& a) {
   std::vector<std::array<double, 2>> pixels = a.pixels;
   if (!a.file.empty()) pixels = SLF_TRY(read_pixels(a.file));
   if (pixels.empty()) return fail(ErrorCode::usage, "no pixels: expected X,Y or --pixels");
-  const auto field = SLF_TRY(a.field.open());
+  const auto field = SLF_TRY(a.draw.open(a.field));
   const auto camera = SLF_TRY(a.camera.camera(field.shape().sphere));
   Renderer renderer(field, a.draw.renderer());
   for (const auto& [x, y] : pixels) {

@@ -47,7 +47,8 @@ class FrameFiles {
  public:
   static Result<FrameFiles> make(const PlayArguments& a) {
     FrameFiles pictures;
-    pictures.inputs_ = {a.field.path, a.path};
+    pictures.inputs_ = a.draw.inputs(a.field);
+    pictures.inputs_.push_back(a.path);
     if (!a.preview.empty()) {
       SLF_TRY(refuse_overwrite(a.preview, a.force, pictures.inputs_));
       pictures.animation_.emplace(a.preview, 1 / a.fps);
@@ -177,7 +178,7 @@ Result<std::vector<unsigned>> states_to_play(const PlayArguments& a, const Field
 /// goes on.
 Result<PlayResult> play(const PlayArguments& a, const PlayOptions& options, FrameFiles* pictures) {
   if (a.cold && !is_address(a.field.path)) SLF_TRY(drop_page_cache(a.field.path));
-  const auto field = SLF_TRY(a.field.open());
+  const auto field = SLF_TRY(a.draw.open(a.field));
   const auto path = SLF_TRY(a.camera_path(field.shape().sphere));
   const auto view = SLF_TRY(a.draw.view(field));
   PlayOptions play_options = options;

@@ -101,8 +101,8 @@ Result<void> check_drawn(const Field& field, const ViewStatistics& statistics) {
 }
 
 Result<void> run_render(const RenderArguments& a) {
-  SLF_TRY(a.picture.check({a.field.path}));
-  const auto field = SLF_TRY(a.field.open());
+  SLF_TRY(a.picture.check(a.draw.inputs(a.field)));
+  const auto field = SLF_TRY(a.draw.open(a.field));
   auto view = SLF_TRY(a.draw.view(field));
   view.with_depth = a.picture.is_exr() && field.has_depth();
   const auto camera = SLF_TRY(a.camera.camera(field.shape().sphere));

@@ -72,19 +72,24 @@ void SourceArguments::add_volume_to(CLI::App& command, const char* name) {
       "Stretch the transfer function to these values of the volume")
       ->type_name("LO,HI")
       ->group(kVolumeGroup);
-  auto* parts =
-      command
-          .add_option("--labels-volume", labels_volume.path,
-                      "Label volume: each label gets a colour; on another grid it is resampled\n"
-                      "by world position (nearest voxel)")
-          ->type_name(kAnyFile)
-          ->group(kVolumeGroup);
+  command
+      .add_option("--labels-volume", labels_volume.path,
+                  "Label volume: each label gets a colour; on another grid it is resampled\n"
+                  "by world position (nearest voxel)")
+      ->type_name(kAnyFile)
+      ->group(kVolumeGroup);
   command
       .add_option("--label-table", label_table,
                   "Colour and opacity by id: a table of ITK-SNAP, 3D Slicer (.ctbl, .csv) or\n"
-                  "FreeSurfer, or JSON")
+                  "FreeSurfer, or JSON; for --labels-volume or --labels")
       ->type_name(kAnyFile)
-      ->needs(parts)
+      ->group(kVolumeGroup);
+  command
+      .add_option("--only-labels", only_labels,
+                  "Show these labels alone, by id; what is hidden keeps its shadows")
+      ->delimiter(',')
+      ->allow_extra_args(false)
+      ->type_name("ID,...")
       ->group(kVolumeGroup);
   command.add_option("--mask", mask.path, "Show the volume only where this mask is not 0")
       ->type_name(kAnyFile)

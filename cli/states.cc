@@ -82,6 +82,34 @@ Result<nlohmann::json> read_states(const std::string& path) {
 
 }  // namespace
 
+Result<std::vector<MadeState>> make_label_states(const SourceArguments& common) {
+  SourceArguments source = common;
+  if (!source.labels_volume) {  // the volume of labels is read once, and all states share it
+    SLF_TRY(source.check(source.files()));
+    auto volume = SLF_TRY(hinted(read_volume(source)));
+    for (const std::string& text : volume.notes) source.on_note(volume.source + ": " + text, {});
+    const auto voxels = std::make_shared<const std::vector<std::byte>>(std::move(volume.voxels));
+    volume.borrowed = {voxels, voxels->data()};
+    volume.voxels.clear();
+    volume.notes.clear();
+    source.volume = std::make_shared<const Volume>(std::move(volume));
+  }
+  std::vector<MadeState> made;
+  const auto groups = SLF_TRY(hinted(label_groups(source)));
+  for (const LabelGroup& group : groups) {
+    source.only_labels = group.ids;
+    auto scene = SLF_TRY(hinted(make_scene(source)));
+    if (made.empty()) {
+      SLF_TRY(scene->prepare());
+      source.on_note = {};
+    } else if (const auto light = made[0].scene->light(); !light.empty()) {
+      (void)scene->set_light(light);
+    }
+    made.push_back({group.name, std::move(scene)});
+  }
+  return made;
+}
+
 Result<std::vector<MadeState>> make_states(const std::string& file, const SourceArguments& common) {
   std::vector<MadeState> made;
   const auto states = SLF_TRY(read_states(file));

@@ -1,6 +1,7 @@
 #include "field/field_file.h"
 
 #include <algorithm>
+#include <set>
 
 #include "base/guarded.h"
 #include "base/sort_unique.h"
@@ -236,7 +237,20 @@ SampleFormat Field::format() const { return file_->format(); }
 const std::string& Field::codec() const { return file_->manifest().codec; }
 std::optional<TileRange> Field::part() const { return file_->manifest().part; }
 std::string Field::provenance() const {
-  return file_->manifest().provenance_of(file_->state())->dump();
+  OwnedJson own = file_->manifest().provenance_of(file_->state());
+  if (!structures_ || structures_->empty()) return own->dump();
+  // Parts of one volume, together, are some of its labels.
+  std::set<std::int64_t> labels;
+  for (const Structure& one : *structures_) {
+    const FieldFile& file = one.field.file();
+    const OwnedJson part = file.manifest().provenance_of(file.state());
+    const auto only = part->find("structures");
+    if (only == part->end() || !only->is_object() || !only->contains("only")) return own->dump();
+    for (const nlohmann::json& id : (*only)["only"])
+      if (id.is_number_integer()) labels.insert(id.get<std::int64_t>());
+  }
+  (*own)["structures"]["only"] = labels;
+  return own->dump();
 }
 unsigned Field::state() const { return file_->state(); }
 std::vector<std::string> Field::states() const {
@@ -284,6 +298,60 @@ std::string Field::manifest() const { return file_->manifest().to_json()->dump()
 std::uint64_t Field::file_bytes() const { return file_->store().file_bytes(); }
 Result<FieldContent> Field::content() const {
   return guarded([&] { return file_->content(); });
+}
+
+std::vector<const FieldFile*> files_of(const Field& field) {
+  if (!field.structures()) return {&field.file()};
+  std::vector<const FieldFile*> files;
+  for (const Structure& one : *field.structures()) files.push_back(&one.field.file());
+  return files;
+}
+
+namespace {
+
+/// usage: the structure cannot be drawn in place of the field.
+Result<void> check_structure(const Structure& structure, const Field& field) {
+  const Field& one = structure.field;
+  const auto refuse = [&](const auto&... why) -> Result<void> {
+    return fail(ErrorCode::usage, one.path(), ": ", why...);
+  };
+  for (const float share :
+       {structure.opacity, structure.tint[0], structure.tint[1], structure.tint[2]})
+    if (!(share >= 0 && share <= 1)) return refuse("opacity or tint ", share, ": expected 0 to 1");
+  if (one.structures()) return refuse("is composed itself");
+  if (!one.has_depth()) return refuse("has no depth, by which structures are composed");
+  const auto differs = [&](const char* what, const auto& its, const auto& other) {
+    return refuse("has ", what, " ", its, ", but ", field.path(), " has ", other,
+                  "; structures need equal ones");
+  };
+  const FieldShape &a = one.shape(), &b = field.shape();
+  for (int axis = 0; axis < 3; ++axis)
+    if (a.sphere.center[axis] != b.sphere.center[axis])
+      return differs("a sphere around", a.sphere.center[axis], b.sphere.center[axis]);
+  if (a.sphere.radius != b.sphere.radius)
+    return differs("a sphere of radius", a.sphere.radius, b.sphere.radius);
+  if (a.entry_side != b.entry_side) return differs("entry cells", a.entry_side, b.entry_side);
+  if (a.exit_side != b.exit_side) return differs("exit cells", a.exit_side, b.exit_side);
+  if (a.levels != b.levels) return differs("finest level", a.levels, b.levels);
+  if (a.entry_extra_levels != b.entry_extra_levels)
+    return differs("entry depth", a.entry_extra_levels, b.entry_extra_levels);
+  if (one.format() != field.format())
+    return differs("samples", name(one.format()), name(field.format()));
+  if (one.linear() != field.linear())
+    return refuse(one.linear() ? "has" : "has no", " linear radiance, unlike ", field.path());
+  return {};
+}
+
+}  // namespace
+
+Result<Field> compose(const Field& field, std::vector<Structure> structures) {
+  return guarded([&]() -> Result<Field> {
+    for (const Structure& one : structures) SLF_TRY(check_structure(one, field));
+    std::erase_if(structures, [](const Structure& one) { return one.opacity == 0; });
+    Field composed(field.file_);
+    composed.structures_ = std::make_shared<const std::vector<Structure>>(std::move(structures));
+    return composed;
+  });
 }
 
 }  // namespace slf

@@ -154,4 +154,8 @@ class FieldFile {
   mutable std::array<std::unique_ptr<LevelGeometry>, 16> geometry_;
 };
 
+/// The files that a field's tiles are read from: its own or, if it is composed, one for each of its
+/// structures.
+[[nodiscard]] std::vector<const FieldFile*> files_of(const Field& field);
+
 }  // namespace slf

@@ -74,6 +74,7 @@ Result<void> check_no_volume(const SceneDescription& d, const char* kind) {
                                       {"range", !!d.range},
                                       {"labels_volume", !!d.labels_volume},
                                       {"mask", !!d.mask},
+                                      {"only_labels", !d.only_labels.empty()},
                                       {"labels", d.reading.labels},
                                       {"crop", !!d.reading.crop},
                                       {"clip", !d.raycast.clip.empty()},
@@ -128,6 +129,11 @@ Result<Volume> read_structure(const SceneDescription& d, const std::string& path
   return read_volume(path, options);
 }
 
+Result<LabelTable> styles_of(const SceneDescription& d, const Volume& labels) {
+  if (!d.label_table.empty()) return read_label_table(d.label_table);
+  return d.styles.value_or(labels.label_styles);
+}
+
 Result<Structures> read_structures(const SceneDescription& d, const json& built) {
   Structures parts;
   const json recorded = built.value("structures", json::object());
@@ -143,9 +149,11 @@ Result<Structures> read_structures(const SceneDescription& d, const json& built)
     note_all(d, source->path, volume.notes);
     *to = std::make_shared<const Volume>(std::move(volume));
   }
-  if (parts.labels) parts.styles = parts.labels->label_styles;
-  if (d.styles) parts.styles = *d.styles;
-  if (!d.label_table.empty()) parts.styles = SLF_TRY(read_label_table(d.label_table));
+  if (parts.labels) parts.styles = SLF_TRY(styles_of(d, *parts.labels));
+  const json only = recorded.value("only", json());
+  for (const json& id : only.is_array() ? only : json::array())
+    if (id.is_number_integer()) parts.only.insert(id.get<std::int64_t>());
+  if (!d.only_labels.empty()) parts.only = {d.only_labels.begin(), d.only_labels.end()};
   return parts;
 }
 
@@ -168,6 +176,10 @@ Result<std::unique_ptr<Scene>> volume_scene(const SceneDescription& d) {
   options.structures = SLF_TRY(read_structures(d, built));
   auto volume = SLF_TRY(d.volume ? Result<Volume>(*d.volume) : read_volume(d));
   note_all(d, volume.source, volume.notes);
+  if (volume.labels) volume.label_styles = SLF_TRY(styles_of(d, volume));
+  if (!d.label_table.empty() && !volume.labels && !options.structures.labels)
+    return fail_without("labels_volume", ErrorCode::usage, volume.source,
+                        ": has no labels, which a table of labels needs");
   for (const auto& part : {options.structures.labels, options.structures.mask}) {
     if (!part) continue;
     volume.files.insert(volume.files.end(), part->files.begin(), part->files.end());
@@ -231,6 +243,29 @@ Result<Volume> read_volume(const SceneDescription& d) {
   if (d.reading.raw && volume.error().choice && std::string_view(volume.error().choice) == "raw")
     volume.error().choice = "layout";
   return volume;
+}
+
+Result<std::vector<LabelGroup>> label_groups(const SceneDescription& d) {
+  const VolumeSource& parts = d.labels_volume;
+  const auto volume = parts.volume          ? Result<Volume>(*parts.volume)
+                      : !parts.path.empty() ? read_structure(d, parts.path)
+                      : d.volume            ? Result<Volume>(*d.volume)
+                                            : read_volume(d);
+  const auto labels = SLF_TRY(volume);
+  if (!labels.labels)
+    return fail_without("labels", ErrorCode::usage, labels.source,
+                        ": holds amounts, not labels of structures");
+  const auto styles = SLF_TRY(styles_of(d, labels));
+  std::vector<LabelGroup> groups;
+  for (const std::int64_t id : label_ids(labels)) {
+    const auto style = styles.find(id);
+    if (id == 0 || (style != styles.end() && style->second.opacity == 0)) continue;
+    std::string name = style != styles.end() ? style->second.name : "";
+    if (name.empty()) name = "label " + std::to_string(id);
+    const auto same = std::ranges::find(groups, name, &LabelGroup::name);
+    (same != groups.end() ? *same : groups.emplace_back(LabelGroup{name, {}})).ids.push_back(id);
+  }
+  return groups;
 }
 
 Result<PictureSet> read_pictures(const SceneDescription& d) {

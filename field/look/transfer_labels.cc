@@ -30,6 +30,12 @@ std::set<double> ids_of(const Volume& volume) {
 
 }  // namespace
 
+std::set<std::int64_t> label_ids(const Volume& volume) {
+  std::set<std::int64_t> ids;
+  for (const double id : ids_of(volume)) ids.insert(std::llround(id));
+  return ids;
+}
+
 glm::dvec3 transfer_color::of_label(double id) {
   constexpr double kGoldenRatio = 0.6180339887498949;
   const double turn = id * kGoldenRatio;
@@ -57,6 +63,15 @@ TransferFunction with_colors(const Volume& volume, const ColorOf& color_of) {
     if (id != 0) ++rank;
   }
   constexpr double kStep = 1;
+  const auto opacity_of = [&](double id) {
+    const auto style = volume.label_styles.find(std::llround(id));
+    return style == volume.label_styles.end() ? 1 : style->second.opacity;
+  };
+  if (std::ranges::any_of(ids, [&](double id) { return opacity_of(id) != 1; })) {
+    for (const double id : ids)
+      result.opacities.push_back({id, id == 0 ? 0 : opacity_of(id), 0.5, kStep});
+    return result;
+  }
   if (*ids.begin() < 0) result.opacities.push_back({-1, 1, 0.5, kStep});
   result.opacities.push_back({0, 0, 0.5, kStep});
   if (*ids.rbegin() > 0) result.opacities.push_back({1, 1, 0.5, kStep});

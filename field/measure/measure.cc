@@ -66,18 +66,33 @@ struct ViewCost {
   double tiles = 0, pairs = 0, bytes = 0, pages = 0, cached = 0, mapped = 0, peak = 0;
 };
 
-/// The kernel's counts of a field's pages.
+/// The files that a field is read from, each once, though several states are in it.
+std::vector<const FieldFile*> distinct_files(const Field& field) {
+  std::vector<const FieldFile*> files;
+  for (const FieldFile* file : files_of(field))
+    if (std::ranges::none_of(files, [&](const FieldFile* other) {
+          return other->store().map() == file->store().map();
+        }))
+      files.push_back(file);
+  return files;
+}
+
+std::uint64_t pages_of(const FieldFile& field) {
+  return (field.store().file_bytes() + 4095) / 4096;
+}
+
+/// The kernel's counts of a field's pages. Those of several files follow each other.
 class PageCacheCounter {
  public:
-  explicit PageCacheCounter(const FieldFile& field)
-      : map_(const_cast<std::byte*>(field.store().map())),
-        bytes_(field.store().file_bytes()),
-        path_(field.path()) {}
+  explicit PageCacheCounter(const Field& field) : files_(distinct_files(field)) {}
 
   /// Drops all pages from memory, and records which of them stay there.
   void begin() {
-    (void)madvise(map_, bytes_, MADV_DONTNEED);
-    dropped_ = drop_page_cache(path_).has_value();
+    dropped_ = true;
+    for (const FieldFile* file : files_) {
+      (void)madvise(map_of(*file), file->store().file_bytes(), MADV_DONTNEED);
+      dropped_ = drop_page_cache(file->path()).has_value() && dropped_;
+    }
     before_ = cached();
   }
   /// Whether the needed pages were read into memory since begin(): then the counts are right.
@@ -96,14 +111,16 @@ class PageCacheCounter {
   /// Pages of the map that this process has mapped, from /proc/self/smaps.
   [[nodiscard]] std::uint64_t mapped() const {
     std::ifstream smaps("/proc/self/smaps");
-    const auto first = reinterpret_cast<std::uintptr_t>(map_), last = first + bytes_;
     std::uint64_t kib = 0;
     bool ours = false;
     for (std::string line; std::getline(smaps, line);) {
       std::uintptr_t begin = 0, end = 0;
       unsigned long long rss = 0;
       if (std::sscanf(line.c_str(), "%lx-%lx ", &begin, &end) == 2)
-        ours = begin < last && end > first;
+        ours = std::ranges::any_of(files_, [&](const FieldFile* file) {
+          const auto first = reinterpret_cast<std::uintptr_t>(map_of(*file));
+          return begin < first + file->store().file_bytes() && end > first;
+        });
       else if (ours && std::sscanf(line.c_str(), "Rss: %llu kB", &rss) == 1)
         kib += rss;
     }
@@ -113,14 +130,19 @@ class PageCacheCounter {
  private:
   /// One byte per page, nonzero if it is in the page cache; empty if the kernel does not report it.
   [[nodiscard]] std::vector<unsigned char> cached() const {
-    std::vector<unsigned char> pages((bytes_ + 4095) / 4096);
-    if (mincore(map_, bytes_, pages.data()) != 0) pages.clear();
+    std::vector<unsigned char> pages;
+    for (const FieldFile* file : files_) {
+      const std::size_t first = pages.size();
+      pages.resize(first + pages_of(*file));
+      if (mincore(map_of(*file), file->store().file_bytes(), &pages[first]) != 0) return {};
+    }
     return pages;
   }
+  static std::byte* map_of(const FieldFile& file) {
+    return const_cast<std::byte*>(file.store().map());
+  }
 
-  std::byte* map_;
-  std::uint64_t bytes_;
-  std::string path_;
+  const std::vector<const FieldFile*> files_;
   bool dropped_ = false;
   std::vector<unsigned char> before_;
 };
@@ -164,9 +186,11 @@ std::string difference(const Field& field, const Scene& scene) {
 
 }  // namespace
 
-Result<Footprint> footprint(const Field& handle, std::span<const TileKey> tiles) {
-  const FieldFile& field = handle.file();
-  Footprint sum;
+namespace {
+
+/// Adds the footprint of tiles in one file, whose first page has a number.
+Result<void> add_footprint(const FieldFile& field, std::span<const TileKey> tiles,
+                           std::uint64_t first_page, Footprint& sum) {
   for (const auto& tile : field.store().find_all(tiles)) {
     if (!tile) return tl::unexpected(tile.error());
     sum.stored_tiles += tile->state == storage::TileState::stored ? 1 : 0;
@@ -179,7 +203,23 @@ Result<Footprint> footprint(const Field& handle, std::span<const TileKey> tiles)
     if (!tile) return tl::unexpected(tile.error());
     sum.compressed_bytes += tile->payload.size();
   }
-  sum.pages = SLF_TRY(field.store().pages(read));
+  const auto pages = SLF_TRY(field.store().pages(read));
+  for (const std::uint64_t page : pages) sum.pages.push_back(first_page + page);
+  return {};
+}
+
+}  // namespace
+
+Result<Footprint> footprint(const Field& field, std::span<const TileKey> tiles) {
+  Footprint sum;
+  const auto distinct = distinct_files(field);
+  for (const FieldFile* file : files_of(field)) {
+    std::uint64_t first_page = 0;
+    for (auto at = distinct.begin(); (*at)->store().map() != file->store().map(); ++at)
+      first_page += pages_of(**at);
+    SLF_TRY(add_footprint(*file, tiles, first_page, sum));
+  }
+  sort_unique(sum.pages);
   return sum;
 }
 
@@ -218,7 +258,7 @@ Result<Measurement> measure_views(const Field& field, const MeasureOptions& opti
   Reporter reporter(progress, {0, levels.size() * options.cameras.size(), 0},
                     "measure interrupted");
   PeakMemoryMonitor watch;
-  PageCacheCounter kernel(field.file());
+  PageCacheCounter kernel(field);
   std::vector<ViewCost> total(options.cameras.size());
   std::uint64_t total_tiles = 0;
   for (const unsigned level : levels) {

@@ -340,7 +340,9 @@ Result<Player> Player::make(Renderer renderer, const PlayOptions& options) {
     state->coarsest.push_back(std::move(pin));
     return {};
   };
-  if (!waits) SLF_TRY(field.file().store().visit(first_key(0), first_key(1), pin_tile));
+  if (!waits)
+    for (const FieldFile* file : files_of(field))
+      SLF_TRY(file->store().visit(first_key(0), first_key(1), pin_tile));
   state->seen = cache.statistics();
   if (!waits) state->loader = std::make_unique<Loader>(state->renderer, state->options.view);
   return Player(std::move(state));

@@ -51,9 +51,11 @@ struct Plan {
 };
 
 /// Divides a budget between the scratch and the tiles in use of each thread, and the cache.
-Plan plan_memory(const FieldFile& field, const RendererOptions& options) {
+Plan plan_memory(const Field& handle, const RendererOptions& options) {
+  const FieldFile& field = handle.file();
   const std::uint64_t scratch = scratch_bytes(field);
-  const std::uint64_t tiles = (field.predicts() ? kTilesInUse : 1) * max_tile_bytes(field);
+  const std::uint64_t tiles = (field.predicts() ? kTilesInUse : 1) * max_tile_bytes(field) *
+                              (1 + (handle.structures() ? handle.structures()->size() : 0));
   Plan plan;
   plan.threads = static_cast<unsigned>(std::clamp<std::uint64_t>(options.memory / (scratch + tiles),
                                                                  1, thread_count(options.threads)));
@@ -82,7 +84,7 @@ RenderMode default_mode(const Field& field) {
 }
 
 Renderer::Renderer(const Field& field, const RendererOptions& options) {
-  const Plan plan = plan_memory(field.file(), options);
+  const Plan plan = plan_memory(field, options);
   *this = Renderer(TileReader(field, {plan.cache_bytes, options.map_budget, options.in_place}),
                    plan.threads);
 }
@@ -322,7 +324,10 @@ Result<void> Renderer::draw(const Camera& camera, const ViewOptions& requested, 
   const BlockOrder blocks(camera.width, camera.height);
   Reporter reporter(progress, {0, blocks.count(), 0},
                     field.path() + ": stopped while a view was drawn");
-  if (field.store().is_remote() && options.wait) {
+  const bool remote =
+      std::ranges::any_of(files_of(state_->tiles.field()),
+                          [](const FieldFile* file) { return file->store().is_remote(); });
+  if (remote && options.wait) {
     ViewStatistics found;
     SLF_TRY(fetch(camera, options, image, found, reporter));
     if (found.misses.empty()) {  // the last picture lacks nothing
@@ -364,7 +369,7 @@ Result<void> Renderer::draw(const Camera& camera, const ViewOptions& requested, 
 namespace {
 
 /// The stored tiles of level 0, unless they are large: their depths aim all rays.
-std::vector<TileKey> level0_if_small(const FieldFile& field) {
+std::vector<TileKey> level0_if_small(const Field& field) {
   constexpr std::uint64_t kSmall = 2 << 20;  // bytes
   std::vector<TileKey> keys;
   std::uint64_t bytes = 0;
@@ -375,7 +380,9 @@ std::vector<TileKey> level0_if_small(const FieldFile& field) {
     return {};
   };
   // An error is met again when the view is drawn.
-  if (!field.store().visit(first_key(0), first_key(1), add) || bytes > kSmall) keys.clear();
+  for (const FieldFile* file : files_of(field))
+    if (!file->store().visit(first_key(0), first_key(1), add) || bytes > kSmall) return {};
+  sort_unique(keys);
   return keys;
 }
 
@@ -397,7 +404,7 @@ Result<void> Renderer::fetch(const Camera& camera, ViewOptions options, Image& p
     return true;
   };
   options.wait = false;
-  SLF_TRY(load(level0_if_small(state_->tiles.field().file())));
+  SLF_TRY(load(level0_if_small(state_->tiles.field())));
   int round = 0;
   const auto draw = [&] { return render(camera, options, picture, &statistics); };
   SLF_TRY(load_misses(statistics, draw, load, [&] { return ++round <= kRounds; }));

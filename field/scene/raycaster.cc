@@ -68,10 +68,19 @@ class LightOnDemand {
   std::shared_mutex mutex_;  // of the light: read while rays are traced
 };
 
+/// The volume in memory that copies share.
+void share_voxels(Volume& volume) {
+  if (volume.borrowed) return;
+  const auto voxels = std::make_shared<const std::vector<std::byte>>(std::move(volume.voxels));
+  volume.voxels.clear();
+  volume.borrowed = {voxels, voxels->data()};
+}
+
 }  // namespace
 
 struct Raycaster::State {
-  std::unique_ptr<VolumeScene> scene;
+  std::unique_ptr<VolumeScene> scene;  // with its light
+  std::unique_ptr<VolumeScene> shown;  // what of it rays see; null: all
   ToneMapper tone;
   bool mapped;                                      // whether samples are tone-mapped
   std::optional<LightVolumeOptions> pending_light;  // until the light volume is computed
@@ -79,11 +88,14 @@ struct Raycaster::State {
   std::unique_ptr<LightOnDemand> on_demand{};       // while pending, once rays need light
 
   void adopt(LightGrid light, const Medium& medium) {
-    scene->grid.light_volume = std::move(light);
-    scene->grid.table.albedos = medium.albedos();
+    traced().light_volume = std::move(light);
+    traced().table.albedos = shown ? Medium(shown->grid).albedos() : medium.albedos();
+    if (shown) scene->grid = {};  // served the light alone
     pending_light.reset();
     on_demand.reset();
   }
+
+  [[nodiscard]] RayGrid& traced() const { return shown ? shown->grid : scene->grid; }
 
   /// Null: the light volume is complete, or there is none.
   [[nodiscard]] Result<LightOnDemand*> light_on_demand() {
@@ -149,10 +161,18 @@ Result<std::unique_ptr<Raycaster>> Raycaster::make(Volume volume, const Transfer
   const LightOptions& lighting = options.lighting;
   const bool lit = lighting.mode != Lighting::direct;
   if (lit && !light_volume.file.empty()) SLF_TRY(check_light_file(light_volume.file));
-  auto scene = SLF_TRY(make_volume_scene(std::move(volume), transfer, options));
+  std::unique_ptr<VolumeScene> shown;
+  RaycastOptions all = options;
+  if (!options.structures.only.empty()) {
+    share_voxels(volume);
+    shown = SLF_TRY(make_volume_scene(volume, transfer, options));
+    all.structures.only.clear();
+  }
+  auto scene = SLF_TRY(make_volume_scene(std::move(volume), transfer, all));
   auto caster = std::unique_ptr<Raycaster>(new Raycaster(std::unique_ptr<State>(
-      new State{std::move(scene), ToneMapper(lighting.tone), lit && !lighting.linear,
-                lit ? std::optional(light_volume) : std::nullopt})));
+      new State{std::move(scene), std::move(shown), ToneMapper(lighting.tone),
+                lit && !lighting.linear, lit ? std::optional(light_volume) : std::nullopt})));
+  if (!lit && caster->state_->shown) caster->state_->scene->grid = {};
   if (!light_volume.deferred) SLF_TRY(caster->prepare());
   return caster;
 }
@@ -168,12 +188,14 @@ Result<void> Raycaster::prepare() const {
 
 std::vector<std::byte> Raycaster::light() const {
   const VolumeScene& scene = *state_->scene;
-  if (state_->pending_light || scene.grid.light_volume.nodes.empty()) return {};
-  return encode_light(light_key(scene.provenance), scene.grid.light_volume);
+  const LightGrid& light = state_->traced().light_volume;
+  if (state_->pending_light || light.nodes.empty()) return {};
+  return encode_light(light_key(scene.provenance), light);
 }
 
 Result<void> Raycaster::prepare_for(std::span<const Segment> rays) const {
-  if (state_->pending_light && !state_->pending_light->file.empty()) return prepare();
+  if (state_->pending_light && (state_->shown || !state_->pending_light->file.empty()))
+    return prepare();
   LightOnDemand* light = SLF_TRY(state_->light_on_demand());
   if (light == nullptr) return {};
   constexpr std::size_t kRays = 256;
@@ -213,10 +235,12 @@ void Raycaster::trace_many(std::span<const Segment> rays, std::span<RaySample> o
 RayCounts Raycaster::trace_counted(std::span<const Segment> rays, std::span<RaySample> out) const {
   assert(rays.size() == out.size());
   RayCounts counts;
+  if (state_->shown)
+    if (auto ok = prepare(); !ok) throw std::runtime_error(ok.error().message);
   const auto light = state_->light_on_demand();
   Result<void> ok = light ? Result<void>{} : tl::unexpected(light.error());
   if (ok && *light == nullptr)
-    counts = trace_rays(state_->scene->grid, rays, out);
+    counts = trace_rays(state_->traced(), rays, out);
   else
     while (ok && !(*light)->trace(rays, out, counts)) ok = (*light)->compute_missed({});
   if (!ok) throw std::runtime_error(ok.error().message);
@@ -225,7 +249,9 @@ RayCounts Raycaster::trace_counted(std::span<const Segment> rays, std::span<RayS
   return counts;
 }
 
-std::string Raycaster::provenance() const { return state_->scene->provenance; }
+std::string Raycaster::provenance() const {
+  return (state_->shown ? state_->shown : state_->scene)->provenance;
+}
 std::vector<std::string> Raycaster::files() const { return state_->scene->volume.files; }
 
 }  // namespace slf

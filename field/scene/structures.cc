@@ -128,7 +128,9 @@ Result<void> add_structures(const Structures& structures, const Volume& volume, 
       if (grid.visible_rows.size() + 1 >= kMaxRows) return std::nullopt;
       const auto style = structures.styles.find(static_cast<std::int64_t>(std::llround(id)));
       std::uint8_t row = 0;
-      if (style != structures.styles.end())
+      if (!structures.only.empty() && !structures.only.contains(std::llround(id)))
+        row = add(std::nullopt, 0);
+      else if (style != structures.styles.end())
         row = add(style->second.color, style->second.opacity);
       else if (id != 0)
         row = add(transfer_color::of_label(id), 1);

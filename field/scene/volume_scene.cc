@@ -153,6 +153,10 @@ Result<std::unique_ptr<VolumeScene>> make_volume_scene(Volume volume,
       labels = SLF_TRY(renumber_labels(v));
     }
     grid.table = make_label_table(transfer, v, labels);
+    const auto& only = options.structures.only;
+    for (std::size_t k = 0; k < labels.size() && !only.empty(); ++k)
+      if (!only.contains(std::llround(v.slope * labels[k] + v.intercept)))
+        grid.table.extinctions[k] = 0;
   } else {
     if (bytes_per_voxel(v.type) > 2 && v.type != ScalarType::f32) convert_to_float(v);
     const auto range = stored_range(v);
@@ -162,6 +166,8 @@ Result<std::unique_ptr<VolumeScene>> make_volume_scene(Volume volume,
     contrast = contrast_of(transfer, v, range);
   }
 
+  if (!options.structures.only.empty() && !v.labels && !options.structures.labels)
+    return fail(ErrorCode::usage, v.source, ": has no labels, of which only some could be shown");
   if (options.structures.labels || options.structures.mask) {
     if (v.labels)
       return fail(ErrorCode::usage, v.source,
@@ -214,6 +220,9 @@ Result<std::unique_ptr<VolumeScene>> make_volume_scene(Volume volume,
     return fail(ErrorCode::bad_file, v.source,
                 ": all values are NaN or infinite: nothing is "
                 "visible under any transfer function; write the volume again");
+  if (!bounds && !options.structures.only.empty())
+    return fail_without("only_labels", ErrorCode::failed, v.source,
+                        ": no visible voxel has one of the labels to show");
   if (!bounds && !grid.clip.empty())
     return fail_without("clip", ErrorCode::failed, v.source,
                         ": nothing visible is left by the planes that clip it");

@@ -8,6 +8,8 @@
 #include "base/guarded.h"
 #include "base/try.h"
 #include "field/geometry/section.h"
+#include "field/tiles/compose_samples.h"
+#include "slf/tone.h"
 
 namespace slf {
 
@@ -17,16 +19,34 @@ constexpr std::uint64_t kTileBytes = 512;  // approximate bookkeeping per tile
 // geometry and address space for its table, is at most this many times the file. Even an unfinished
 // field stays far below.
 constexpr std::uint64_t kGeometryTimes = 1 << 10, kTableTimes = 1 << 17;
+
+/// What a structure's colours, whose alpha comes last, are multiplied by.
+glm::vec4 factor_of(const Structure& structure, bool linear) {
+  glm::vec4 factor(structure.opacity);
+  for (int c = 0; c < 3; ++c) {
+    const float tint = structure.tint[static_cast<std::size_t>(c)];
+    factor[c] *= linear ? linear_from_srgb(tint) : tint;
+  }
+  return factor;
+}
+
 }  // namespace
 
 TileCache::TileCache(const FieldFile& field, std::uint64_t budget, std::uint64_t map_budget,
-                     bool in_place)
+                     bool in_place, const std::vector<Structure>* structures)
     : field_(field),
-      budget_(budget),
+      composed_(structures != nullptr),
+      budget_(structures ? budget / 2 : budget),
       in_place_(in_place),
-      memory_(budget),
-      tiles_(budget),
+      memory_(budget_),
+      tiles_(budget_),
       map_(map_budget) {
+  if (structures)
+    for (const Structure& one : *structures)
+      parts_.push_back(
+          {std::make_unique<TileCache>(one.field.file(), (budget - budget_) / structures->size(),
+                                       map_budget / structures->size(), in_place),
+           factor_of(one, one.field.linear())});
   const FieldShape& shape = field.shape();
   const std::uint64_t bytes = field.store().file_bytes();
   const auto fits = [&](std::uint64_t needed, std::uint64_t times) {
@@ -121,6 +141,9 @@ bool TileCache::has_room(std::uint32_t frame) {
 
 FoundTiles TileCache::locate(std::span<const TileKey> keys) {
   FoundTiles found;
+  // What the parts find is in memory when they look for it again.
+  for (const Part& part : parts_) (void)part.cache->locate(keys);
+  if (composed_) return found;
   const auto loaded = [&](TileKey key) {
     const std::lock_guard lock(mutex_);
     return tiles_.find(key) != nullptr;
@@ -187,7 +210,7 @@ std::vector<std::size_t> TileCache::pin_loaded(std::span<const TileKey> keys, st
 TileCache::Batch TileCache::next_batch(std::span<const TileKey> keys,
                                        std::span<const std::size_t> absent,
                                        const FoundTiles& found) {
-  if (!field_.predicts()) return {absent.size(), {}};
+  if (composed_ || !field_.predicts()) return {absent.size(), {}};
   const auto cost = [&](TileKey key) { return field_.tile_shape(key).bytes() + kTileBytes; };
   const std::uint64_t room = [&] {
     const std::lock_guard lock(mutex_);
@@ -267,7 +290,39 @@ void TileCache::publish_locked(LoadedTile& tile) {
   page.state.store(state, std::memory_order_release);
 }
 
+Result<void> TileCache::compose(LoadedTile& tile) {
+  using storage::TileState;
+  std::vector<Pin> pins;
+  std::vector<TileLayer> layers;
+  tile.ref.state = TileState::empty;
+  for (const Part& part : parts_) {
+    Pin loaded = SLF_TRY(part.cache->load(tile.key));
+    const Pin& pin = pins.emplace_back(std::move(loaded));
+    if (pin.state() == TileState::missing) tile.ref.state = TileState::missing;
+    if (!pin.samples().empty()) layers.push_back({pin.samples(), part.factor});
+  }
+  if (layers.empty() || tile.ref.state == TileState::missing) {
+    charge(tile, 0, true, false);
+    return {};
+  }
+  tile.ref.state = TileState::stored;
+  const std::size_t bytes = layers.front().samples.size();
+  charge(tile, bytes, true, false);
+  compose_samples(layers, field_.format(), allocate(tile, bytes));
+  for (const Part& part : parts_) SLF_TRY(part.cache->field().unchanged());
+  return {};
+}
+
+std::span<std::byte> TileCache::allocate(LoadedTile& tile, std::size_t bytes) {
+  tile.owned = memory_.allocate(kReadableBefore + bytes);
+  std::byte* const first = tile.owned.get() + kReadableBefore;
+  tile.first = first;
+  tile.bytes = bytes;
+  return {first, bytes};
+}
+
 Result<void> TileCache::load_samples(LoadedTile& tile, const FoundTiles& found) {
+  if (composed_) return compose(tile);
   const storage::TileStore& store = field_.store();
   const auto known = found.find(tile.key);
   const bool is_known = known != found.end();
@@ -306,12 +361,9 @@ Result<void> TileCache::load_samples(LoadedTile& tile, const FoundTiles& found) 
   }
   charge(tile, bytes, is_known, stored && !raw);
   if (!stored) return {};
-  tile.owned = memory_.allocate(kReadableBefore + bytes);
-  std::byte* const first = tile.owned.get() + kReadableBefore;
-  tile.first = first;
-  tile.bytes = bytes;
+  const std::span<std::byte> samples = allocate(tile, bytes);
   payload_bytes_ += tile.ref.payload.size();
-  return field_.decode(tile.ref, from, {first, bytes});
+  return field_.decode(tile.ref, from, samples);
 }
 
 void TileCache::charge(LoadedTile& tile, std::uint64_t bytes, bool found, bool mapped) {
@@ -323,7 +375,7 @@ void TileCache::charge(LoadedTile& tile, std::uint64_t bytes, bool found, bool m
     scoped.lock().lock();
   }
   tiles_.set_cost(tile, cost);
-  statistics_.decodes += bytes > 0;
+  statistics_.decodes += bytes > 0 && !composed_;
   if (tile.in_place) statistics_.loaded_bytes += tile.ref.payload.size();
   if (mapped)
     map_.count_read(field_.store().range(tile.ref));
@@ -354,10 +406,18 @@ CacheStatistics TileCache::statistics() const {
   CacheStatistics statistics = statistics_;
   statistics.decoded_bytes = tiles_.bytes();
   statistics.loaded_bytes += payload_bytes_;
+  for (const Part& part : parts_) {
+    const CacheStatistics more = part.cache->statistics();
+    statistics.decodes += more.decodes;
+    statistics.decoded_bytes += more.decoded_bytes;
+    statistics.decoded_peak_bytes += more.decoded_peak_bytes;
+    statistics.loaded_bytes += more.loaded_bytes;
+  }
   return statistics;
 }
 
 void TileCache::reset_peak() {
+  for (const Part& part : parts_) part.cache->reset_peak();
   const std::lock_guard lock(mutex_);
   statistics_.decoded_peak_bytes = tiles_.bytes();
 }

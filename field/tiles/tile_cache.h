@@ -9,6 +9,9 @@
 // and their memory is freed when no ReadScope can have found them. A Pin keeps a tile loaded. Only
 // pinned tiles can exceed the budget, so keep few pins at a time.
 //
+// The tiles of a composed field are made of those of its structures, each of which has a cache of
+// its own.
+//
 // Tiles of an in-place codec (raw) are views of the map and do not count. The resident pages of the
 // map have a budget of their own: when about that much was read through the map, all of it is
 // released, and pages still in use fault back in.
@@ -17,6 +20,8 @@
 #include <atomic>
 #include <condition_variable>
 #include <cstdint>
+#include <glm/glm.hpp>
+#include <memory>
 #include <mutex>
 #include <span>
 #include <utility>
@@ -82,9 +87,10 @@ class TileCache {
 
   /// The field must outlive this. `budget` bytes of decoded samples, `map_budget` resident bytes of
   /// the map; pinned tiles of an in-place codec can exceed the latter. Unless `in_place`, tiles of
-  /// in-place codecs are copied out of the map too.
+  /// in-place codecs are copied out of the map too. `structures`: null unless the field is
+  /// composed; they share the budgets.
   TileCache(const FieldFile& field, std::uint64_t budget, std::uint64_t map_budget = kUnlimited,
-            bool in_place = true);
+            bool in_place = true, const std::vector<Structure>* structures = nullptr);
   ~TileCache();
 
   [[nodiscard]] const FieldFile& field() const { return field_; }
@@ -163,10 +169,21 @@ class TileCache {
   [[nodiscard]] Result<Pin> load_one(TileKey key, const FoundTiles& found);
   /// Finds a tile, loads its references, and decodes it.
   [[nodiscard]] Result<void> load_samples(LoadedTile& tile, const FoundTiles& found);
+  /// The same for a tile of a composed field.
+  [[nodiscard]] Result<void> compose(LoadedTile& tile);
+  /// The memory for a tile's samples.
+  [[nodiscard]] std::span<std::byte> allocate(LoadedTile& tile, std::size_t bytes);
   /// Makes room for a tile and counts it. `found`: its look-up is counted.
   void charge(LoadedTile& tile, std::uint64_t bytes, bool found, bool mapped);
 
+  struct Part {
+    std::unique_ptr<TileCache> cache;
+    glm::vec4 factor;  ///< TileLayer::factor
+  };
+
   const FieldFile& field_;
+  const bool composed_;
+  std::vector<Part> parts_;  // the structures, if the field is composed
   const std::uint64_t budget_;
   const bool in_place_;
   std::vector<PageTable> tables_;                // by level; changed under the lock

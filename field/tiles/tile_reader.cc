@@ -11,7 +11,9 @@ struct TileReader::State {
   TileCache cache;
 
   State(const Field& of, const TileReaderOptions& options)
-      : field(of), cache(field.file(), options.memory, options.map_budget, options.in_place) {}
+      : field(of),
+        cache(field.file(), options.memory, options.map_budget, options.in_place,
+              field.structures()) {}
 };
 
 TileReader::TileReader(const Field& field, const TileReaderOptions& options)

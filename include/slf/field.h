@@ -5,6 +5,7 @@
 //   slf::Renderer renderer(*field);
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
@@ -20,6 +21,7 @@
 namespace slf {
 
 class FieldFile;  // internal
+struct Structure;
 
 /// How much of a level exists.
 struct LevelContent {
@@ -66,7 +68,8 @@ class Field {
   /// there is no such state. Other errors as open().
   [[nodiscard]] Result<Field> in_state(unsigned state) const;
   [[nodiscard]] Result<Field> in_state(const std::string& name) const;
-  /// The source and the settings of the build: a JSON object without a fixed schema.
+  /// The source and the settings of the build: a JSON object without a fixed schema. Of a composed
+  /// field, those of a build that shows the labels of all its structures, if they have labels.
   [[nodiscard]] std::string provenance() const;
   /// Whether colours are linear radiance, which map_tones() in render.h shows.
   [[nodiscard]] bool linear() const;
@@ -81,6 +84,9 @@ class Field {
   /// is linear in the number of records. bad_file: a page or a record's table is damaged.
   [[nodiscard]] Result<FieldContent> content() const;
 
+  /// What compose() made it of; null if it is a file's own content.
+  [[nodiscard]] const std::vector<Structure>* structures() const { return structures_.get(); }
+
   /// For slf's own libraries; the type is not installed.
   [[nodiscard]] const FieldFile& file() const { return *file_; }
   [[nodiscard]] static Field of(std::shared_ptr<const FieldFile> file) {
@@ -89,7 +95,28 @@ class Field {
 
  private:
   explicit Field(std::shared_ptr<const FieldFile> file) : file_(std::move(file)) {}
+  friend Result<Field> compose(const Field& field, std::vector<Structure> structures);
   std::shared_ptr<const FieldFile> file_;
+  std::shared_ptr<const std::vector<Structure>> structures_;
 };
+
+/// A field that is drawn together with others.
+struct Structure {
+  Field field;
+  float opacity = 1;  ///< 0 to 1, of all that it shows; 0: hidden, nothing of it is read
+  std::array<float, 3> tint{1, 1, 1};  ///< sRGB, 0 to 1: its colours are multiplied by this
+};
+
+/// The field that shows structures together, in place of what `field` itself shows. Along each
+/// stored ray the nearest structure is over those behind it; at one depth, those that come first in
+/// the list are in front. So where surfaces are opaque, and further apart than depths are precise,
+/// it has the samples of one field of all of them. Each structure counts with the mean depth of a
+/// ray, so matter that is translucent must not interleave.
+///
+/// The result is read as other fields are, but of what describes it, everything except `format`
+/// and `shape` is that of `field`. Cost is linear in the number of visible structures.
+/// usage: an opacity or tint out of range; a structure that is composed itself, without depth, or
+/// on another sphere, lattice or kind of colour than `field`; the message names it.
+[[nodiscard]] Result<Field> compose(const Field& field, std::vector<Structure> structures);
 
 }  // namespace slf

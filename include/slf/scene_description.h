@@ -53,6 +53,7 @@ struct SceneDescription {
   VolumeSource labels_volume{}, mask{};
   std::string label_table{};           ///< for read_label_table(); empty: that of `labels_volume`
   std::optional<LabelTable> styles{};  ///< instead of `label_table`
+  std::vector<std::int64_t> only_labels{};  ///< Structures::only
 
   // Rays and light, of volumes and meshes.
   RaycastOptions raycast{};            ///< but for what the members below state
@@ -90,6 +91,15 @@ struct SceneDescription {
 /// field of `truth_of` was built with it. Else errors as those of the readers, of
 /// Raycaster::make(), MeshScene::make(), make_picture_scene() and make_analytic_scene().
 [[nodiscard]] Result<std::unique_ptr<Scene>> make_scene(const SceneDescription& description);
+
+/// Labels that are one structure: those of one name, or one without a name.
+struct LabelGroup {
+  std::string name;
+  std::vector<std::int64_t> ids;
+};
+/// The visible structures of the label volume, or of the volume of labels at `input`, by their
+/// least ids. usage: there are no labels. Else errors as read_volume() and read_label_table().
+[[nodiscard]] Result<std::vector<LabelGroup>> label_groups(const SceneDescription& description);
 
 /// The volume at `input`. Errors as read_volume(path, options), and bad_file for what has cameras.
 [[nodiscard]] Result<Volume> read_volume(const SceneDescription& description);

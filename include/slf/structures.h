@@ -6,6 +6,7 @@
 #include <map>
 #include <memory>
 #include <optional>
+#include <set>
 #include <string>
 
 #include "slf/error.h"
@@ -41,6 +42,9 @@ struct Structures {
   /// function's colours.
   LabelTable styles{};
   std::shared_ptr<const Volume> mask;  ///< where it is 0, the volume is invisible; or null
+  /// The ids to show, of `labels` or of a volume of labels; empty: all. Others are hidden, but a
+  /// light volume, and Scene::bounds(), are those of all: what is hidden keeps its shadows.
+  std::set<std::int64_t> only{};
 };
 
 /// Whether the voxels of two volumes are the same points of the world, to half a voxel.

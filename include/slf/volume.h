@@ -13,6 +13,7 @@
 #include <map>
 #include <memory>
 #include <optional>
+#include <set>
 #include <span>
 #include <string>
 #include <string_view>
@@ -84,6 +85,9 @@ struct Volume {
 /// Guesses whether a volume that was not read as labels holds labels: its values are integers, and
 /// neighbouring voxels are mostly equal or else unrelated. Good enough for a hint to a person.
 [[nodiscard]] bool looks_like_labels(const Volume& volume);
+
+/// The ids in a volume of labels.
+[[nodiscard]] std::set<std::int64_t> label_ids(const Volume& volume);
 
 /// How to read a headerless file.
 struct RawLayout {

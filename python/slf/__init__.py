@@ -14,9 +14,10 @@ from ._field import Field, Player, diff, export, merge, open, repack, verify
 from ._rays import Scene
 from ._source import Settings, SourceSettings
 from ._slf import version as __version__
-from ._types import Camera, Orbit, Picture, Sphere, Tone, orbit
+from ._types import Camera, Look, Orbit, Picture, Sphere, Tone, orbit
 
 __all__ = ["BadFileError", "BusyError", "Camera", "Error", "FailedError", "Field", "IoError",
-           "NotFoundError", "Orbit", "OutOfMemoryError", "Picture", "Player", "Scene", "Settings",
-           "SourceSettings", "Sphere", "Tone", "UnsupportedError", "UsageError", "build",
-           "build_rays", "diff", "export", "merge", "open", "orbit", "raycast", "repack", "verify"]
+           "Look", "NotFoundError", "Orbit", "OutOfMemoryError", "Picture", "Player", "Scene",
+           "Settings", "SourceSettings", "Sphere", "Tone", "UnsupportedError", "UsageError",
+           "build", "build_rays", "diff", "export", "merge", "open", "orbit", "raycast", "repack",
+           "verify"]

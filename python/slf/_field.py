@@ -4,23 +4,22 @@ from __future__ import annotations
 
 import atexit
 import contextlib
-import copy
 import json
 import os
 import warnings
 import weakref
 from types import TracebackType
-from typing import (Any, Callable, Dict, Iterator, List, Optional, Sequence, Tuple, Type, Union,
-                    Unpack, overload)
+from typing import (Any, Callable, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple, Type,
+                    Union, Unpack, overload)
 
 import numpy as np
 
 from . import _slf
-from ._errors import UsageError
+from ._errors import UnsupportedError, UsageError
 from ._notebook import View, bundle
 from ._progress import Progress, reporter
 from ._source import SourceSettings, scene_of
-from ._types import (BuildReport, Camera, Content, Difference, Evaluation, Frame, Measurement,
+from ._types import (BuildReport, Camera, Content, Difference, Evaluation, Frame, Look, Measurement,
                      MergeReport, Orbit, PickedPoint, Picture, RepackReport, Shape, Sphere, Tile,
                      Tone, VerifyReport, finite, orbit)
 
@@ -30,6 +29,7 @@ Size = Tuple[int, int]
 LevelName = Union[int, str]
 State = Union[int, str]
 """The number of a state, from 0, or its name."""
+Structures = Mapping[Union["Field", Path], Union[float, Look]]
 
 _DEFAULT_MEMORY = 256 << 20
 _THUMBNAIL_MEMORY = 16 << 20
@@ -81,6 +81,8 @@ class Field:
                  state: State = 0, progress: Progress = None) -> None:
         self._open: Optional[_slf.Field] = None
         self._opened_with = (path, memory, threads, state)
+        self._structures: Optional[Structures] = None
+        self._composed: Optional[Tuple[Any, Field]] = None
         self._others: Dict[State, Field] = {}
         self._server: Optional[_slf.Server] = None
         with reporter(progress, "fetch") as report:
@@ -101,7 +103,7 @@ class Field:
 
     def close(self) -> None:
         """Closes the file. A second call does nothing."""
-        self._open = None
+        self._open = self._composed = None
         self._others.clear()
         if self._server is not None:
             self._server.close()
@@ -121,7 +123,7 @@ class Field:
 
     def __reduce__(self) -> Any:
         """Pickled by path: where it is unpickled, the file is opened again."""
-        return _reopened, self._opened_with
+        return _reopened, (*self._opened_with, self._structures)
 
     def __repr__(self) -> str:
         if self._open is None:
@@ -194,12 +196,16 @@ class Field:
         """The same file in another state, by its name or number: a field of its own, with its own
         memory for tiles. Later calls return the same one. slf.UsageError: there is none."""
         if state not in self._others:
-            other = self._others[state] = copy.copy(self)
-            other._open = self._field.in_state(state)
+            other = self._others[state] = self._variant(self._field.in_state(state), None)
             other._opened_with = (*self._opened_with[:3], state)
-            other._others = {}
-            other._server = None
         return self._others[state]
+
+    def _variant(self, opened: _slf.Field, structures: Optional[Structures]) -> Field:
+        """A field that shows something else of the same file."""
+        other = object.__new__(Field)
+        other.__dict__.update(self.__dict__, _open=opened, _structures=structures, _composed=None,
+                              _others={}, _server=None)
+        return other
 
     def content(self) -> Content:
         """Counts the tiles and bytes of each level, of this state. slf.BadFileError: a table is damaged."""
@@ -223,19 +229,21 @@ class Field:
     @overload
     def render(self, camera: AnyCamera = ..., size: Size = ..., mode: Optional[str] = ...,
                level: LevelName = ..., *, dtype: Any = ...,
-               background: Optional[Sequence[float]] = ...,
-               tone: Optional[Tone] = ..., state: Optional[State] = ...) -> np.ndarray: ...
+               background: Optional[Sequence[float]] = ..., tone: Optional[Tone] = ...,
+               state: Optional[State] = ...,
+               structures: Optional[Structures] = ...) -> np.ndarray: ...
 
     @overload
     def render(self, camera: AnyCamera = ..., size: Size = ..., mode: Optional[str] = ...,
                level: LevelName = ..., *, depth: bool, dtype: Any = ...,
-               background: Optional[Sequence[float]] = ...,
-               tone: Optional[Tone] = ..., state: Optional[State] = ...) -> Any: ...
+               background: Optional[Sequence[float]] = ..., tone: Optional[Tone] = ...,
+               state: Optional[State] = ..., structures: Optional[Structures] = ...) -> Any: ...
 
     def render(self, camera: AnyCamera = orbit(), size: Size = (512, 512),
                mode: Optional[str] = None, level: LevelName = "finest", *, depth: bool = False,
                dtype: Any = np.float32, background: Optional[Sequence[float]] = None,
-               tone: Optional[Tone] = None, state: Optional[State] = None) -> Any:
+               tone: Optional[Tone] = None, state: Optional[State] = None,
+               structures: Optional[Structures] = None) -> Any:
         """Draws a view: an array [height, width, 4] of RGBA, premultiplied by alpha.
 
         camera: slf.orbit() or slf.Camera.
@@ -249,16 +257,41 @@ class Field:
         tone: how to show linear radiance; default: as it is for float32 without a background,
             else Tone().
         state: that of in_state(); default: the one that this shows.
+        structures: what to draw together instead, as for compose(). The last ones stay open.
 
-        Raises slf.UsageError for an invalid camera, level, mode or state, slf.BadFileError for a damaged
-        tile.
+        Raises slf.UsageError for an invalid camera, level, mode or state, slf.BadFileError for a
+        damaged tile.
         """
+        if structures is not None:
+            if self._composed is None or self._composed[0] != structures:
+                self._composed = dict(structures), self.compose(structures)
+            return self._composed[1].render(camera, size, mode, level, depth=depth, dtype=dtype,
+                                            background=background, tone=tone)
         display = check_dtype(dtype) == np.uint8 or background is not None
         shown = self if state is None else self.in_state(state)
         colors, distance = shown._field.render(camera_tuple(self.sphere, camera, size), mode,
                                               self._level(level), depth, tone, display)
         picture = finished_picture(colors, dtype, background)
         return Picture(picture, distance) if depth else picture
+
+    def compose(self, structures: Structures) -> Field:
+        """The field that shows structures together, in place of what this one shows: along each
+        stored ray, the nearest over those behind it.
+
+        structures: names of this field's states, or fields or paths of others on its sphere, and an
+            opacity, 0 to 1, or a Look of each. Those of opacity 0 are not read. At one depth, the
+            first ones are in front.
+
+        It is drawn, played, measured and evaluated as others are, but not shown in a page.
+        Raises slf.UsageError for structures without depth, or on another sphere or lattice, or with
+        another kind of colours.
+        """
+        looks = [(key, look if isinstance(look, Look) else Look(look))
+                 for key, look in structures.items()]
+        layers = [((key if isinstance(key, Field) else
+                    self.in_state(key) if key in self.states else Field(key))._field, *look)
+                  for key, look in looks if look.opacity != 0]
+        return self._variant(self._field.compose(layers), dict(structures))
 
     def pick(self, x: float, y: float, camera: AnyCamera = orbit(),
              size: Size = (512, 512)) -> Optional[PickedPoint]:
@@ -368,6 +401,8 @@ class Field:
 
         Raises slf.UnsupportedError: slf was built without the page. slf.UsageError: `page` exists.
         """
+        if self._structures is not None:
+            raise UnsupportedError(f"{self.path}: a page shows a file, not what is composed of it")
         if page is not None:
             export(self, page, force=force)
             return View(path_text(page))
@@ -439,8 +474,10 @@ def open(path: Path, *, memory: int = _DEFAULT_MEMORY, threads: int = 0, state: 
     return Field(path, memory=memory, threads=threads, state=state, progress=progress)
 
 
-def _reopened(path: Path, memory: int, threads: int, state: State) -> Field:
-    return Field(path, memory=memory, threads=threads, state=state)
+def _reopened(path: Path, memory: int, threads: int, state: State,
+              structures: Optional[Structures]) -> Field:
+    field = Field(path, memory=memory, threads=threads, state=state)
+    return field if structures is None else field.compose(structures)
 
 
 def verify(field: Union[Field, Path], *, quick: bool = False, fix: bool = False, threads: int = 0,

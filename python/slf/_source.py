@@ -45,6 +45,8 @@ class SourceSettings(TypedDict, total=False):
     volume."""
     label_table: Union[None, _Path, Mapping[int, Any]]
     """A file, or {id: (name, (red, green, blue), opacity)}."""
+    only_labels: Sequence[int]
+    """Ids of the parts to show; what is hidden keeps its shadows. Default: all."""
     mask: Any
     """0 hides voxels, as does the mask of a numpy.ma array; masked ids are 0."""
     environment: Optional[_Path]

@@ -60,6 +60,15 @@ class Camera(NamedTuple):
     """Vertical field of view in degrees, above 0 and below 180."""
 
 
+class Look(NamedTuple):
+    """How a structure is drawn together with others."""
+
+    opacity: float = 1.0
+    """0, hidden, to 1."""
+    tint: Tuple[float, float, float] = (1.0, 1.0, 1.0)
+    """RGB, each 0 to 1: its own colours are multiplied by this."""
+
+
 class Tone(NamedTuple):
     """How pictures show linear radiance, of fields built with color_type="half" and light."""
 

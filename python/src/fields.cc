@@ -55,6 +55,18 @@ py::object content(const OpenField& open) {
                      content.payload_bytes);
 }
 
+/// A structure: an open field, its opacity and its tint.
+using StructureTuple = std::tuple<const OpenField*, float, std::array<float, 3>>;
+
+std::unique_ptr<OpenField> compose(const OpenField& open,
+                                   const std::vector<StructureTuple>& structures) {
+  std::vector<Structure> layers;
+  for (const auto& [field, opacity, tint] : structures)
+    layers.push_back({field->field(), opacity, tint});
+  return std::make_unique<OpenField>(value_of(slf::compose(open.field(), std::move(layers))),
+                                     open.options());
+}
+
 ViewOptions view_of(const Field& field, const std::optional<std::string>& mode,
                     std::optional<unsigned> level, bool with_depth) {
   ViewOptions view;
@@ -285,6 +297,7 @@ void bind_fields(py::module_& module) {
       .def("in_state", in_state<unsigned>, py::arg("state"))
       .def("in_state", in_state<Text>, py::arg("state"))
       .def("content", content)
+      .def("compose", compose, py::arg("structures"))
       .def("render", render, py::arg("camera"), py::arg("mode"), py::arg("level"), py::arg("depth"),
            py::arg("tone"), py::arg("display"), py::arg("memory") = py::none())
       .def("pick", pick, py::arg("camera"), py::arg("x"), py::arg("y"))

@@ -281,6 +281,7 @@ std::map<std::string, Set> setters(SceneDescription& d) {
       {"labels_volume", volume_source(d.labels_volume)},
       {"mask", volume_source(d.mask)},
       {"label_table", [&d](const py::handle& value) { set_styles(d, value); }},
+      {"only_labels", to(d.only_labels)},
       {"step", to(rays.step)},
       {"clip",
        [&rays](const py::handle& value) {

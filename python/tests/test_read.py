@@ -294,3 +294,25 @@ def test_opens_and_closes_without_growth(balls_path):
     for _ in range(500):
         use()
     assert resident_bytes() - before < 4 << 20
+
+
+def test_structures_are_drawn_together(balls, balls_path, tmp_path):
+    half = slf.Look(0.5, (1, 0, 1))
+    plain = balls.render(mode="bitri", size=(48, 48))
+    alone = balls.render(mode="bitri", size=(48, 48), structures={balls: half})
+    assert np.allclose(alone, plain * (0.5, 0, 0.5, 0.5), atol=1 / 255)
+    with slf.open(balls_path) as other:
+        composed = balls.compose({other: 1, "hidden.slf": 0})
+    assert np.array_equal(composed.render(mode="bitri", size=(48, 48)), plain)
+    assert composed.measure(2, (32, 32)).total.tiles_touched.mean > 0
+    again = pickle.loads(pickle.dumps(balls.compose({balls_path: half})))
+    assert np.array_equal(again.render(mode="bitri", size=(48, 48)), alone)
+    assert not balls.render(size=(8, 8), structures={}).any()
+    with pytest.raises(slf.UnsupportedError, match="a page shows a file"):
+        composed.show()
+    with pytest.raises(slf.UsageError, match="opacity or tint 2: expected 0 to 1"):
+        balls.compose({balls: 2})
+    with slf.build("scene:balls", tmp_path / "flat.slf", entry=2, exit=8, finest_level=1,
+                   depth=False, codec="zstd") as flat:
+        with pytest.raises(slf.UsageError, match="flat.slf: has no depth"):
+            balls.compose({flat: 1})

@@ -95,5 +95,90 @@ TEST(MakeScene, ChecksFilesBeforeItReadsThem) {
   EXPECT_THAT(checked, ::testing::IsSupersetOf({"missing.nii", "missing.json"}));
 }
 
+/// Two slabs of labels, 1 in front of 2, which is in front of 3, seen from -y.
+SceneDescription slabs() {
+  auto volume = std::make_shared<Volume>();
+  volume->dims = {12, 12, 12};
+  volume->labels = true;
+  volume->source = "slabs";
+  volume->label_styles = {{1, {"front", glm::dvec3(1, 0, 0)}},
+                          {2, {"back", glm::dvec3(0, 1, 0)}},
+                          {3, {"back", glm::dvec3(0, 0, 1)}}};
+  for (int k = 0; k < 12 * 12 * 12; ++k) {
+    const int y = k / 12 % 12;
+    volume->voxels.push_back(static_cast<std::byte>(y < 2 || y > 9 ? 0
+                                                    : y < 5        ? 1
+                                                    : y < 7        ? 2
+                                                                   : 3));
+  }
+  SceneDescription d;
+  d.volume = std::move(volume);
+  d.raycast.lighting.samples = 4;
+  d.light_volume.deferred = true;
+  return d;
+}
+
+TEST(MakeScene, OnlyLabelsAreShownUnderTheLightOfAll) {
+  SceneDescription d = slabs();
+  const auto all = make_scene(d);
+  ASSERT_TRUE(all) << all.error().message;
+  d.only_labels = {2, 3};
+  const auto only = make_scene(d);
+  ASSERT_TRUE(only) << only.error().message;
+  EXPECT_EQ((*only)->bounds().center, (*all)->bounds().center);
+  EXPECT_EQ((*only)->bounds().radius, (*all)->bounds().radius);
+  EXPECT_EQ(provenance(d)["structures"]["only"], (std::vector{2, 3}));
+
+  // The light of one is that of the other.
+  ASSERT_TRUE((*all)->prepare());
+  EXPECT_TRUE((*only)->set_light((*all)->light()));
+  EXPECT_EQ((*only)->light(), (*all)->light());
+  const auto from_front = [](const Scene& scene) {
+    return scene.trace({5.5, -8, 5.5}, {5.5, 20, 5.5});
+  };
+  EXPECT_GT(from_front(**all).rgba.r, 0.3f);
+  const RaySample behind = from_front(**only);
+  EXPECT_EQ(behind.rgba.a, 1);
+  EXPECT_EQ(behind.rgba.r, 0);
+  EXPECT_GT(behind.depth, from_front(**all).depth + 0.05f);
+
+  // Whether light was given or not, it is the same.
+  const auto alone = make_scene(d);
+  EXPECT_EQ(from_front(**alone).rgba, behind.rgba);
+
+  SceneDescription truth = slabs();
+  truth.truth_of = (*only)->provenance();
+  EXPECT_EQ(provenance(truth)["structures"], provenance(d)["structures"]);
+}
+
+TEST(MakeScene, LabelsOfOneNameAreOneStructure) {
+  SceneDescription d = slabs();
+  const auto ids = [](const Result<std::vector<LabelGroup>>& groups) {
+    std::vector<std::pair<std::string, std::vector<std::int64_t>>> out;
+    for (const LabelGroup& group : *groups) out.emplace_back(group.name, group.ids);
+    return out;
+  };
+  using Groups = decltype(ids(label_groups(d)));
+  EXPECT_EQ(ids(label_groups(d)), (Groups{{"front", {1}}, {"back", {2, 3}}}));
+  d.styles = LabelTable{{1, {"", {}, 0}}, {3, {"third", {}, 1}}};
+  EXPECT_EQ(ids(label_groups(d)), (Groups{{"label 2", {2}}, {"third", {3}}}));
+  // What is hidden in the table is so in the picture.
+  const auto hidden = make_scene(d);
+  ASSERT_TRUE(hidden);
+  const auto shown = make_scene(slabs());
+  const auto depth = [](const Scene& scene) {
+    return scene.trace({5.5, -8, 5.5}, {5.5, 20, 5.5}).depth;
+  };
+  EXPECT_GT(depth(**hidden), depth(**shown) + 0.05f);
+
+  d = description();
+  EXPECT_THAT(label_groups(d).error().message, HasSubstr("ball: holds amounts, not labels"));
+  d.only_labels = {1};
+  EXPECT_THAT(make_scene(d).error().message, HasSubstr("ball: has no labels"));
+  d = slabs();
+  d.only_labels = {7};
+  EXPECT_EQ(make_scene(d).error().code, ErrorCode::failed);
+}
+
 }  // namespace
 }  // namespace slf
