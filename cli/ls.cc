@@ -56,7 +56,7 @@ A line has six columns, separated by tabs: LEVEL/ENTRY/EXIT, its state (stored, 
 the bytes of its payload, where they begin in the file, the tile's index within the level, and its
 subfield. Lines are in the order of levels and indexes.)");
   auto a = std::make_shared<LsArguments>();
-  command->add_option("FIELD", a->field, "Field to list")->type_name(kFieldFile)->required();
+  add_file(*command, "FIELD", a->field, "Field to list", kFieldFile)->required();
   add_levels(*command, "--level", a->levels, "Only tiles of these levels");
   add_subfields(*command, a->subfields, "Only tiles of these level-0 subfields");
   command->add_flag("--missing", a->filter.missing, "Also tiles that the field lacks");

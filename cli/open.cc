@@ -48,8 +48,7 @@ nlohmann::json traffic_json() {
 #else
 Result<Field> open_field(const std::string& path) {
   if (!is_address(path)) return Field::open(path);
-  return fail(ErrorCode::unsupported, path,
-              ": this slf was built without libcurl and does not read fields over HTTP");
+  return unsupported(path, "this slf was built without libcurl and does not read fields over HTTP");
 }
 
 nlohmann::json traffic_json() { return {}; }

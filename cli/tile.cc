@@ -77,17 +77,14 @@ void add_tile(CLI::App& app, Run& run) {
 The picture shows the exit triangle of each entry vertex where that vertex lies among the others of
 its section. .raw has the samples as FORMAT.md orders them: picture by picture, little-endian.)");
   auto a = std::make_shared<TileArguments>();
-  command->add_option("FIELD", a->field, "Field to read")->type_name(kFieldFile)->required();
+  add_file(*command, "FIELD", a->field, "Field to read", kFieldFile)->required();
   command->add_option("TILE", a->tile, "LEVEL/ENTRY/EXIT as `slf ls` prints it, or LEVEL/INDEX")
       ->type_name("TILE")
       ->required();
   command->add_option("--channel", a->channel, "color, or depth as gray")
-      ->check(CLI::IsMember({"color", "depth"}))
-      ->capture_default_str();
-  command
-      ->add_option("-o,--output", a->output,
-                   "File to write: .png, .exr or .raw; -: stdout, as --format says")
-      ->type_name(kAnyFile)
+      ->check(CLI::IsMember({"color", "depth"}));
+  add_file(*command, "-o,--output", a->output,
+           "File to write: .png, .exr or .raw; -: stdout, as --format says")
       ->required();
   command->add_option("--format", a->format, "Default: the ending of the output; raw on stdout")
       ->check(CLI::IsMember({"png", "exr", "raw"}));

@@ -9,8 +9,7 @@ import os
 import warnings
 import weakref
 from types import TracebackType
-from typing import (Any, Callable, Iterator, List, Optional, Sequence, Tuple, Type, Union, Unpack,
-                    overload)
+from typing import Any, Iterator, Sequence, Unpack, overload
 
 import numpy as np
 
@@ -23,10 +22,10 @@ from ._types import (BuildReport, Camera, Content, Difference, Evaluation, Frame
                      MergeReport, Orbit, PickedPoint, Picture, RepackReport, Shape, Sphere, Tile,
                      Tone, VerifyReport, finite, orbit)
 
-Path = Union[str, "os.PathLike[str]"]
-AnyCamera = Union[Orbit, Camera]
-Size = Tuple[int, int]
-LevelName = Union[int, str]
+Path = str | os.PathLike[str]
+AnyCamera = Orbit | Camera
+Size = tuple[int, int]
+LevelName = int | str
 
 _DEFAULT_MEMORY = 256 << 20
 _THUMBNAIL_MEMORY = 16 << 20
@@ -36,7 +35,7 @@ def path_text(path: Path) -> str:
     return os.fspath(path)
 
 
-def camera_tuple(sphere: Sphere, camera: AnyCamera, size: Size) -> Tuple[Any, ...]:
+def camera_tuple(sphere: Sphere, camera: AnyCamera, size: Size) -> tuple[Any, ...]:
     """A camera as the extension module takes it."""
     width, height = (int(side) for side in size)
     if width < 1 or height < 1 or width * height > 1 << 28:
@@ -50,7 +49,7 @@ def camera_tuple(sphere: Sphere, camera: AnyCamera, size: Size) -> Tuple[Any, ..
 
 
 def finished_picture(rgba: np.ndarray, dtype: Any,
-                     background: Optional[Sequence[float]]) -> np.ndarray:
+                     background: Sequence[float] | None) -> np.ndarray:
     """Composites over a background and converts to the type that was asked for."""
     if background is not None:
         finite("background", background)
@@ -76,13 +75,13 @@ class Field:
 
     def __init__(self, path: Path, *, memory: int = _DEFAULT_MEMORY, threads: int = 0,
                  progress: Progress = None) -> None:
-        self._open: Optional[_slf.Field] = None
+        self._open: _slf.Field | None = None
         self._opened_with = (path, memory, threads)
-        self._server: Optional[_slf.Server] = None
+        self._server: _slf.Server | None = None
         with reporter(progress, "fetch") as report:
             self._open = _slf.Field(path_text(path), memory, threads, report)
         self._shape: Shape = self._open.shape
-        self.build_report: Optional[BuildReport] = None
+        self.build_report: BuildReport | None = None
         """What slf.build() did, if it opened this field."""
 
     # -- lifetime ---------------------------------------------------------------------------------
@@ -108,8 +107,8 @@ class Field:
         self._field
         return self
 
-    def __exit__(self, kind: Optional[Type[BaseException]], value: Optional[BaseException],
-                 trace: Optional[TracebackType]) -> None:
+    def __exit__(self, kind: type[BaseException] | None, value: BaseException | None,
+                 trace: TracebackType | None) -> None:
         self.close()
 
     def __reduce__(self) -> Any:
@@ -182,7 +181,7 @@ class Field:
         """The camera that an orbit stands for, for a picture of this size."""
         return Camera(*camera_tuple(self.sphere, camera, size)[:4])
 
-    def _level(self, level: LevelName) -> Optional[int]:
+    def _level(self, level: LevelName) -> int | None:
         if level == "matching":
             return None
         if level == "finest":
@@ -192,21 +191,18 @@ class Field:
         return int(level)
 
     @overload
-    def render(self, camera: AnyCamera = ..., size: Size = ..., mode: Optional[str] = ...,
+    def render(self, camera: AnyCamera = ..., size: Size = ..., mode: str | None = ...,
                level: LevelName = ..., *, dtype: Any = ...,
-               background: Optional[Sequence[float]] = ...,
-               tone: Optional[Tone] = ...) -> np.ndarray: ...
+               background: Sequence[float] | None = ..., tone: Tone | None = ...) -> np.ndarray: ...
 
     @overload
-    def render(self, camera: AnyCamera = ..., size: Size = ..., mode: Optional[str] = ...,
+    def render(self, camera: AnyCamera = ..., size: Size = ..., mode: str | None = ...,
                level: LevelName = ..., *, depth: bool, dtype: Any = ...,
-               background: Optional[Sequence[float]] = ...,
-               tone: Optional[Tone] = ...) -> Any: ...
+               background: Sequence[float] | None = ..., tone: Tone | None = ...) -> Any: ...
 
-    def render(self, camera: AnyCamera = orbit(), size: Size = (512, 512),
-               mode: Optional[str] = None, level: LevelName = "finest", *, depth: bool = False,
-               dtype: Any = np.float32, background: Optional[Sequence[float]] = None,
-               tone: Optional[Tone] = None) -> Any:
+    def render(self, camera: AnyCamera = orbit(), size: Size = (512, 512), mode: str | None = None,
+               level: LevelName = "finest", *, depth: bool = False, dtype: Any = np.float32,
+               background: Sequence[float] | None = None, tone: Tone | None = None) -> Any:
         """Draws a view: an array [height, width, 4] of RGBA, premultiplied by alpha.
 
         camera: slf.orbit() or slf.Camera.
@@ -225,12 +221,12 @@ class Field:
         """
         display = check_dtype(dtype) == np.uint8 or background is not None
         colors, distance = self._field.render(camera_tuple(self.sphere, camera, size), mode,
-                                              self._level(level), depth, tone, display)
+                                              self._level(level), depth, tone, display, None)
         picture = finished_picture(colors, dtype, background)
         return Picture(picture, distance) if depth else picture
 
     def pick(self, x: float, y: float, camera: AnyCamera = orbit(),
-             size: Size = (512, 512)) -> Optional[PickedPoint]:
+             size: Size = (512, 512)) -> PickedPoint | None:
         """The point of the surface that a picture shows at a place; None if it is less than half
         opaque there.
 
@@ -242,7 +238,7 @@ class Field:
         return self._field.pick(camera_tuple(self.sphere, camera, size), x, y)
 
     def thumbnail(self, size: int = 256,
-                  background: Optional[Sequence[float]] = (0, 0, 0)) -> np.ndarray:
+                  background: Sequence[float] | None = (0, 0, 0)) -> np.ndarray:
         """A small picture: uint8 [size, size, 4], over black. Reads coarse tiles only, and keeps none.
         """
         colors, _ = self._field.render(camera_tuple(self.sphere, orbit(), (size, size)), None,
@@ -250,8 +246,8 @@ class Field:
                                        _THUMBNAIL_MEMORY)
         return finished_picture(colors, np.uint8, background)
 
-    def player(self, mode: Optional[str] = None, level: LevelName = "finest",
-               loading: str = "ahead", horizon: int = 8) -> Player:
+    def player(self, mode: str | None = None, level: LevelName = "finest", loading: str = "ahead",
+               horizon: int = 8) -> Player:
         """A player for the frames of a moving camera. It keeps the file open itself.
 
         loading: "ahead" loads tiles of predicted frames, "demand" those that frames lacked, both
@@ -264,7 +260,7 @@ class Field:
 
     # -- tiles ------------------------------------------------------------------------------------
 
-    def tiles(self, level: Optional[int] = None, missing: bool = False) -> List[Tile]:
+    def tiles(self, level: int | None = None, missing: bool = False) -> list[Tile]:
         """Lists tiles in key order. Reads tables, no payload.
 
         level: of one level; default: of all.  missing: also list tiles that are missing.
@@ -284,15 +280,15 @@ class Field:
 
     # -- measures ---------------------------------------------------------------------------------
 
-    def _cameras(self, cameras: Union[int, Sequence[AnyCamera]], size: Size,
-                 distance: float) -> List[Tuple[Any, ...]]:
+    def _cameras(self, cameras: int | Sequence[AnyCamera], size: Size,
+                 distance: float) -> list[tuple[Any, ...]]:
         finite("distance", distance)
         if isinstance(cameras, int):
             return _slf.random_cameras(self.sphere, distance, cameras, 1, *size)
         return [camera_tuple(self.sphere, camera, size) for camera in cameras]
 
-    def measure(self, cameras: Union[int, Sequence[AnyCamera]] = 8, size: Size = (512, 512),
-                mode: Optional[str] = None, levels: Sequence[int] = (), *, distance: float = 3,
+    def measure(self, cameras: int | Sequence[AnyCamera] = 8, size: Size = (512, 512),
+                mode: str | None = None, levels: Sequence[int] = (), *, distance: float = 3,
                 progress: Progress = None) -> Measurement:
         """Measures the memory that views need.
 
@@ -304,10 +300,10 @@ class Field:
             return self._field.measure(self._cameras(cameras, size, distance), mode, list(levels),
                                        report)
 
-    def evaluate(self, scene: Any, cameras: Union[int, Sequence[AnyCamera]] = 8,
-                 size: Size = (256, 256), mode: Optional[str] = None,
-                 level: LevelName = "finest", *, distance: float = 3, supersample: int = 1,
-                 progress: Progress = None, **settings: Unpack[SourceSettings]) -> Evaluation:
+    def evaluate(self, scene: Any, cameras: int | Sequence[AnyCamera] = 8, size: Size = (256, 256),
+                 mode: str | None = None, level: LevelName = "finest", *, distance: float = 3,
+                 supersample: int = 1, progress: Progress = None,
+                 **settings: Unpack[SourceSettings]) -> Evaluation:
         """Compares views with ray-cast ones of the field's scene: PSNR and SSIM, RGB over black.
 
         scene: what the field was built from.
@@ -326,7 +322,7 @@ class Field:
 
     # -- notebooks --------------------------------------------------------------------------------
 
-    def show(self, page: Optional[Path] = None, *, force: bool = False) -> View:
+    def show(self, page: Path | None = None, *, force: bool = False) -> View:
         """The page of `slf view`, turned by the mouse, in a notebook; its `url` for a browser.
 
         A server on this machine sends the page the parts of the file that views need. It runs
@@ -355,7 +351,7 @@ class Player:
     def __init__(self, field: Field, player: _slf.Player) -> None:
         self._sphere = field.sphere
         self._player = player
-        self.report: Optional[Frame] = None
+        self.report: Frame | None = None
         """How the last frame was drawn."""
         _with_threads.add(self)
 
@@ -370,8 +366,7 @@ class Player:
         self.close()
 
     def draw(self, camera: AnyCamera, size: Size = (512, 512), dtype: Any = np.float32,
-             background: Optional[Sequence[float]] = None,
-             tone: Optional[Tone] = None) -> np.ndarray:
+             background: Sequence[float] | None = None, tone: Tone | None = None) -> np.ndarray:
         """The next frame, as Field.render(). Draws coarser levels where tiles are not loaded."""
         display = check_dtype(dtype) == np.uint8 or background is not None
         colors, self.report = self._player.draw(camera_tuple(self._sphere, camera, size),
@@ -383,7 +378,7 @@ class Player:
         self._player.settle()
 
 
-_with_threads: "weakref.WeakSet[Union[Field, Player]]" = weakref.WeakSet()
+_with_threads: "weakref.WeakSet[Field | Player]" = weakref.WeakSet()
 
 
 @atexit.register
@@ -411,7 +406,7 @@ def _reopened(path: Path, memory: int, threads: int) -> Field:
     return Field(path, memory=memory, threads=threads)
 
 
-def verify(field: Union[Field, Path], *, quick: bool = False, fix: bool = False, threads: int = 0,
+def verify(field: Field | Path, *, quick: bool = False, fix: bool = False, threads: int = 0,
            progress: Progress = None) -> VerifyReport:
     """Checks every page, record and tile. Damage is a finding in the report, not an exception.
 
@@ -426,7 +421,7 @@ def verify(field: Union[Field, Path], *, quick: bool = False, fix: bool = False,
 
 
 @contextlib.contextmanager
-def _opened(field: Union[Field, Path]) -> Iterator[Field]:
+def _opened(field: Field | Path) -> Iterator[Field]:
     """A field that is given as a path is open only as long as the call."""
     if isinstance(field, Field):
         yield field
@@ -435,9 +430,9 @@ def _opened(field: Union[Field, Path]) -> Iterator[Field]:
         yield mine
 
 
-def repack(field: Union[Field, Path], out: Path, *, codec: str = "", depth: bool = True,
-           finest_level: Optional[int] = None, subfields: Sequence[int] = (),
-           color_type: Optional[str] = None, light: bool = True, memory: int = _DEFAULT_MEMORY,
+def repack(field: Field | Path, out: Path, *, codec: str = "", depth: bool = True,
+           finest_level: int | None = None, subfields: Sequence[int] = (),
+           color_type: str | None = None, light: bool = True, memory: int = _DEFAULT_MEMORY,
            threads: int = 0, force: bool = False, progress: Progress = None) -> RepackReport:
     """Rewrites a field into another form. Empty arguments keep what the field has.
 
@@ -458,14 +453,14 @@ def merge(parts: Sequence[Path], out: Path, *, part: bool = False, memory: int =
                           force, report)
 
 
-def diff(a: Union[Field, Path], b: Union[Field, Path], *, threads: int = 0,
+def diff(a: Field | Path, b: Field | Path, *, threads: int = 0,
          progress: Progress = None) -> Difference:
     """Compares two fields tile by tile."""
     with _opened(a) as left, _opened(b) as right, reporter(progress, "diff") as report:
         return _slf.diff(left._field, right._field, threads, report)
 
 
-def export(field: Union[Field, Path], out: Path, *, force: bool = False,
+def export(field: Field | Path, out: Path, *, force: bool = False,
            progress: Progress = None) -> None:
     """Writes the page that shows a field together with it.
 
