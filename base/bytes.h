@@ -19,6 +19,10 @@ using Bytes = std::vector<std::byte>;
 [[nodiscard]] inline ByteSpan bytes_of(std::string_view text) {
   return std::as_bytes(std::span(text.data(), text.size()));
 }
+/// The same bytes as text.
+[[nodiscard]] inline std::string_view chars_of(ByteSpan bytes) {
+  return {reinterpret_cast<const char*>(bytes.data()), bytes.size()};
+}
 
 /// Reads an unsigned integer stored least significant byte first.
 /// REQUIRES: sizeof(T) readable bytes at `from`, at any alignment.

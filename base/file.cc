@@ -78,7 +78,7 @@ int link_to(int fd, const std::string& name) {
 
 /// `cause`: 0 if a file has got the name `to`, in `folder`, or an errno value.
 Result<void> end_of_publishing(const std::string& to, const std::string& folder, int cause) {
-  if (cause == EEXIST) return fail(ErrorCode::usage, to, ": exists already");
+  if (cause == EEXIST) return misuse(to, "exists already");
   if (cause != 0) return io_error(to, "cannot write", cause);
   if (const int late = sync_folder(folder); late != 0)
     return io_error(to, "is written, but its folder could not be synced", late);
@@ -114,17 +114,14 @@ Result<void> check_output(const std::string& path, std::span<const std::string> 
   const std::string target = resolve_links(path);
   struct stat status {};
   const bool exists = ::stat(target.c_str(), &status) == 0;
-  if (exists && S_ISDIR(status.st_mode))
-    return fail(ErrorCode::usage, path, ": is a folder; name a file in it");
-  if (exists && !S_ISREG(status.st_mode))
-    return fail(ErrorCode::usage, path, ": is not a regular file");
+  if (exists && S_ISDIR(status.st_mode)) return misuse(path, "is a folder; name a file in it");
+  if (exists && !S_ISREG(status.st_mode)) return misuse(path, "is not a regular file");
   for (const std::string& input : inputs) {
     if (input.empty()) continue;
     const bool same = exists ? is_same_file(target, input) : target == resolve_links(input);
     if (same)
-      return fail(ErrorCode::usage, path, ": is the input",
-                  input == path ? std::string() : " (" + input + ")",
-                  ", which would be lost; choose another output");
+      return misuse(path, "is the input", input == path ? std::string() : " (" + input + ")",
+                    ", which would be lost; choose another output");
   }
   if (exists && existing == Existing::keep)
     return fail_without("replace", ErrorCode::usage, path, ": exists");
@@ -142,8 +139,8 @@ Result<void> check_own_file(const std::string& path, std::string_view magic, con
     own = got == 0 || (got > 0 && start == magic);
   }
   if (own) return {};
-  return fail(ErrorCode::usage, path, ": exists and is not ", what,
-              ", so it is not replaced; move it away, or choose another name");
+  return misuse(path, "exists and is not ", what,
+                ", so it is not replaced; move it away, or choose another name");
 }
 
 std::string unused_name(const std::string& path) {
@@ -283,9 +280,7 @@ Result<std::ifstream> open_regular(const std::string& path) {
 
 Result<Bytes> read_file(const std::string& path, std::uint64_t limit, const StartCheck& check) {
   const std::uint64_t size = SLF_TRY(file_size(path));
-  const auto too_long = [&] {
-    return fail(ErrorCode::unsupported, path, ": longer than ", limit, " bytes");
-  };
+  const auto too_long = [&] { return unsupported(path, "longer than ", limit, " bytes"); };
   if (!check && size > limit) return too_long();
   // What took the file's place meanwhile may be a pipe, which must not be waited for.
   const Descriptor file(::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));

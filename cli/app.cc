@@ -98,6 +98,7 @@ std::unique_ptr<CLI::App> make_app(Run& run) {
       "around a volume, so that any view is a look-up.",
       "slf");
   app->footer(kFooter);
+  app->option_defaults()->always_capture_default();
   app->set_version_flag("--version", std::string("slf ") + SLF_VERSION);
   app->add_flag("-q,--quiet", quiet, "No progress and no notes");
   app->add_option("--progress", progress_style,
@@ -108,27 +109,11 @@ std::unique_ptr<CLI::App> make_app(Run& run) {
   app->require_subcommand(1);
   app->fallthrough();
 
-  add_build(*app, run);
-  add_cameras(*app, run);
-  add_pictures(*app, run);
-  add_info(*app, run);
-  add_render(*app, run);
-  add_pick(*app, run);
-  add_play(*app, run);
-  add_raycast(*app, run);
-  add_measure(*app, run);
-  add_evaluate(*app, run);
-  add_compare(*app, run);
-  add_repack(*app, run);
-  add_merge(*app, run);
-  add_verify(*app, run);
-  add_ls(*app, run);
-  add_tile(*app, run);
-  add_diff(*app, run);
-  add_transfer(*app, run);
-  add_view(*app, run);
-  add_export(*app, run);
-  add_help(*app, run);
+  for (AddCommand* add :
+       {add_build,   add_cameras, add_pictures, add_info,     add_render, add_pick,   add_play,
+        add_raycast, add_measure, add_evaluate, add_compare,  add_repack, add_merge,  add_verify,
+        add_ls,      add_tile,    add_diff,     add_transfer, add_view,   add_export, add_help})
+    add(*app, run);
   app->footer(std::string(kFirstField) + kFooter);
   for (CLI::App* command : app->get_subcommands({}))
     for (CLI::Option* option : command->get_options())
@@ -136,6 +121,11 @@ std::unique_ptr<CLI::App> make_app(Run& run) {
         option->type_name("N");
       else if (type == "FLOAT")
         option->type_name("NUMBER");
+  for (CLI::App* command : app->get_subcommands({}))
+    for (CLI::Option* option : command->get_options())
+      if (option->get_default_str() == "[]" ||
+          option->get_description().find("default: ") != std::string::npos)
+        option->default_str("");
   return app;
 }
 

@@ -1,13 +1,10 @@
-#include <algorithm>
 #include <array>
 #include <cctype>
 #include <cmath>
-#include <filesystem>
 #include <sstream>
 
+#include "base/ascii.h"
 #include "base/file.h"
-#include "base/lower_case.h"
-#include "base/try.h"
 #include "cli/command.h"
 
 namespace slf::cli {
@@ -97,9 +94,7 @@ CLI::Option* add_bytes(CLI::App& command, const std::string& name, std::uint64_t
 }
 
 CLI::Option* add_threads(CLI::App& command, unsigned& threads) {
-  return command.add_option("-j,--threads", threads, "0: all cores")
-      ->check(from_to(0, kMaxThreads))
-      ->capture_default_str();
+  return add_number(command, "-j,--threads", threads, "0: all cores", from_to(0, kMaxThreads));
 }
 
 CLI::Option* add_no_depth(CLI::App& command, bool& depth, const std::string& help) {
@@ -217,19 +212,15 @@ Result<void> refuse_overwrite(const std::string& path, bool force,
   return with_force(check_output(path, inputs, force ? Existing::replace : Existing::keep));
 }
 
-void add_tone(CLI::App& command, ToneMapping& tone, const char* group) {
-  command
-      .add_option("--exposure", tone.exposure,
-                  "Exposure of shadowed or global light, in photographic stops")
-      ->check(from_to(-20, 20))
-      ->group(group)
-      ->capture_default_str();
+void add_tone(CLI::App& command, ToneMapping& tone, const char* heading) {
+  const OptionGroup group(command, heading);
+  add_number(command, "--exposure", tone.exposure,
+             "Exposure of shadowed or global light, in photographic stops", from_to(-20, 20));
   choose(command.add_option("--tonemap", tone.curve,
                             "Tone curve from radiance to colours: neutral compresses highlights, "
                             "srgb clips\nthem, none keeps linear radiance"),
          Choices<ToneCurve>{
              {"neutral", ToneCurve::neutral}, {"srgb", ToneCurve::srgb}, {"none", ToneCurve::none}})
-      ->group(group)
       ->default_str("neutral");
 }
 
@@ -249,23 +240,17 @@ CLI::Option* add_orbit(CLI::App& command, std::vector<double>& orbit, const std:
 }
 
 void CameraArguments::add_to(CLI::App& command) {
-  const char* group = "Camera";
+  const OptionGroup group(command, "Camera");
   auto* angles = add_orbit(command, orbit,
                            "Azimuth and elevation in degrees, distance in sphere radii;\n"
                            "0,0,3 is the front (anterior), 90,0,3 the patient's left");
-  angles->group(group);
   add_vector(command, "--eye", eye, "Eye in world coordinates, instead of --orbit")
-      ->excludes(angles)
-      ->group(group);
-  add_vector(command, "--look-at", look_at, "Point to look at; default: the sphere's centre")
-      ->group(group);
-  add_vector(command, "--up", up, "Direction that is up in the picture; default: 0,0,1")
-      ->group(group);
-  command.add_option("--fov", fov, "Vertical field of view in degrees; default: fits the sphere")
-      ->check(number([](double v) { return v > 0 && v < 180; }, "degrees above 0 and below 180"))
-      ->group(group);
+      ->excludes(angles);
+  add_vector(command, "--look-at", look_at, "Point to look at; default: the sphere's centre");
+  add_vector(command, "--up", up, "Direction that is up in the picture; default: 0,0,1");
+  add_number(command, "--fov", fov, "Vertical field of view in degrees; default: fits the sphere",
+             number([](double v) { return v > 0 && v < 180; }, "degrees above 0 and below 180"));
   of_pixels(command.add_option("--size", size, "Picture size in pixels; one number for a square"))
-      ->group(group)
       ->default_str(to_string(size));
 }
 
@@ -285,12 +270,11 @@ Result<Camera> CameraArguments::camera(const Sphere& sphere) const {
 }
 
 void DrawArguments::add_to(CLI::App& command) {
-  const char* group = "Drawing";
+  const OptionGroup group(command, "Drawing");
   choose(command.add_option("--mode", mode,
                             "How samples are interpolated; default: depth where the field has a "
                             "depth,\nelse bitri"),
-         kRenderModes)
-      ->group(group);
+         kRenderModes);
   command
       .add_option("--level", level,
                   "Level of the tile pyramid, 0 the coarsest; finest; auto: what the pixels\n"
@@ -299,21 +283,19 @@ void DrawArguments::add_to(CLI::App& command) {
                                                                    {"auto", kMatchingLevel}})
                       .description(""))
       ->type_name("LEVEL")
-      ->group(group)
       ->default_str("finest");
   add_resources_to(command);
 }
 
 void DrawArguments::add_resources_to(CLI::App& command) {
-  const char* group = "Drawing";
-  add_bytes(command, "--memory", memory, "Budget for decoded tiles and scratch")->group(group);
+  const OptionGroup group(command, "Drawing");
+  add_bytes(command, "--memory", memory, "Budget for decoded tiles and scratch");
   command
       .add_option("--map-budget", map_budget,
                   "Limit of resident bytes of the mapped file; default: none")
       ->transform(CLI::Validator(to_bytes, ""))
-      ->type_name("SIZE")
-      ->group(group);
-  add_threads(command, threads)->group(group);
+      ->type_name("SIZE");
+  add_threads(command, threads);
   add_structures_to(command);
 }
 

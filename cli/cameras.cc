@@ -76,23 +76,15 @@ void add_cameras(CLI::App& app, Run& run) {
       ->expected(1)
       ->check(kPlace)
       ->type_name("X,Y,Z,R");
-  command->add_option("--count", a->count, "Number of cameras, evenly spread")
-      ->check(CLI::Range(1, 100000).description(""))
-      ->capture_default_str();
-  command
-      ->add_option("--test", a->test,
-                   "Also write this many cameras in other directions to *_test.json")
-      ->check(CLI::Range(0, 100000).description(""))
-      ->capture_default_str();
-  command->add_option("--distance", a->distance, "Eyes' distance from the centre, in sphere radii")
-      ->check(above(1, 1e6))
-      ->capture_default_str();
+  add_number(*command, "--count", a->count, "Number of cameras, evenly spread", from_to(1, 100000));
+  add_number(*command, "--test", a->test,
+             "Also write this many cameras in other directions to *_test.json", from_to(0, 100000));
+  add_number(*command, "--distance", a->distance, "Eyes' distance from the centre, in sphere radii",
+             above(1, 1e6));
   of_pixels(
       command->add_option("--size", a->size, "Picture size in pixels; one number for a square"))
       ->default_str(to_string(a->size));
-  command->add_option("-o,--output", a->output, "The file to write, as transforms.json")
-      ->type_name(kAnyFile)
-      ->required();
+  add_file(*command, "-o,--output", a->output, "The file to write, as transforms.json")->required();
   command->add_flag("-f,--force", a->force, "Overwrite the file");
   command->callback([a, &run] { run = [a] { return run_cameras(*a); }; });
 }

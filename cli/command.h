@@ -7,6 +7,7 @@
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
+#include <concepts>
 #include <cstdint>
 #include <functional>
 #include <memory>
@@ -35,26 +36,14 @@ using Run = std::function<Result<void>()>;
 /// The message for a command line that `app` could not parse: the error, and what was expected.
 [[nodiscard]] std::string usage_message(const CLI::App& app, const CLI::ParseError& error);
 
-void add_build(CLI::App& app, Run& run);
-void add_cameras(CLI::App& app, Run& run);
-void add_info(CLI::App& app, Run& run);
-void add_pictures(CLI::App& app, Run& run);
-void add_render(CLI::App& app, Run& run);
-void add_pick(CLI::App& app, Run& run);
-void add_raycast(CLI::App& app, Run& run);
-void add_compare(CLI::App& app, Run& run);
-void add_play(CLI::App& app, Run& run);
-void add_measure(CLI::App& app, Run& run);
-void add_evaluate(CLI::App& app, Run& run);
-void add_repack(CLI::App& app, Run& run);
-void add_merge(CLI::App& app, Run& run);
-void add_verify(CLI::App& app, Run& run);
-void add_transfer(CLI::App& app, Run& run);
-void add_ls(CLI::App& app, Run& run);
-void add_tile(CLI::App& app, Run& run);
-void add_diff(CLI::App& app, Run& run);
-void add_view(CLI::App& app, Run& run);
-void add_export(CLI::App& app, Run& run);
+/// Prints what may stand in the place of the last of the words after `slf`, for shells.
+void complete(const CLI::App& app, std::vector<std::string> words);
+
+/// Adds a command, one of those that are listed in cli/app.cc.
+using AddCommand = void(CLI::App& app, Run& run);
+AddCommand add_build, add_cameras, add_pictures, add_info, add_render, add_pick, add_play,
+    add_raycast, add_measure, add_evaluate, add_compare, add_repack, add_merge, add_verify, add_ls,
+    add_tile, add_diff, add_transfer, add_view, add_export;
 
 // ---- output ------------------------------------------------------------------------------------
 
@@ -116,9 +105,17 @@ void print_json(nlohmann::json json);
 /// Formats numbers as "1.5 GiB" and "12.3 M".
 [[nodiscard]] std::string human_bytes(double bytes);
 [[nodiscard]] std::string human_count(double count);
+template <std::integral T>
+[[nodiscard]] std::string human_bytes(T bytes) {
+  return human_bytes(static_cast<double>(bytes));
+}
+template <std::integral T>
+[[nodiscard]] std::string human_count(T count) {
+  return human_count(static_cast<double>(count));
+}
 
-/// Prints rows of cells. The first row is the heading; all columns but the first are right-aligned.
-void print_table(const std::vector<std::vector<std::string>>& rows);
+/// Prints rows of cells, which are separated by tabs. All columns but the first are right-aligned.
+void print_table(const std::vector<std::string>& rows);
 
 /// Makes malloc keep freed memory. Commands that copy tiles allocate records of about 100 KiB;
 /// mapping and unmapping each of these would take longer than copying it.
@@ -191,6 +188,22 @@ template <class T>
 using Choices = std::vector<std::pair<std::string, T>>;
 extern const Choices<RenderMode> kRenderModes;
 
+/// While it lives, options that are added to the command stand under this heading in --help.
+class OptionGroup {
+ public:
+  OptionGroup(CLI::App& command, const std::string& heading)
+      : defaults_(*command.option_defaults()), before_(defaults_.get_group()) {
+    defaults_.group(heading);
+  }
+  OptionGroup(const OptionGroup&) = delete;
+  OptionGroup& operator=(const OptionGroup&) = delete;
+  ~OptionGroup() { defaults_.group(before_); }
+
+ private:
+  CLI::OptionDefaults& defaults_;
+  const std::string before_;
+};
+
 /// Makes an option accept these names only.
 template <class T>
 CLI::Option* choose(CLI::Option* option, const Choices<T>& choices) {
@@ -200,7 +213,8 @@ CLI::Option* choose(CLI::Option* option, const Choices<T>& choices) {
   // CLI11 runs the check that was added last first.
   return option->transform(CLI::Transformer(std::move(values)).description(""))
       ->transform(CLI::IsMember(std::move(names)))
-      ->type_name("TEXT");
+      ->type_name("TEXT")
+      ->default_str("");
 }
 
 /// Numbers from outside have bounds, so that no product of them overflows and no loop over them
@@ -215,6 +229,19 @@ inline constexpr std::int64_t kMaxPixels = 65536;  ///< along a side of a pictur
 
 extern const CLI::Validator kNotNegative;
 extern const CLI::Validator kLength, kPlace;  ///< a length; a coordinate, or part of a direction
+
+/// Adds an option for the path of a file or several, of one of the kinds above.
+template <class T>
+CLI::Option* add_file(CLI::App& command, const std::string& name, T& path, const std::string& help,
+                      const char* kind = kAnyFile) {
+  return command.add_option(name, path, help)->type_name(kind);
+}
+/// Adds an option for a number or several that pass the check.
+template <class T>
+CLI::Option* add_number(CLI::App& command, const std::string& name, T& number,
+                        const std::string& help, const CLI::Validator& check) {
+  return command.add_option(name, number, help)->check(check);
+}
 
 /// Adds -j,--threads.
 CLI::Option* add_threads(CLI::App& command, unsigned& threads);
@@ -341,7 +368,7 @@ struct ShardArguments {
 [[nodiscard]] std::string name_of_part(std::string path, const ShardOptions& shard);
 
 /// --exposure and --tonemap.
-void add_tone(CLI::App& command, ToneMapping& tone, const char* group);
+void add_tone(CLI::App& command, ToneMapping& tone, const char* heading);
 
 /// The options of the camera and the size of the picture.
 struct CameraArguments {

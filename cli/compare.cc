@@ -11,7 +11,7 @@ namespace {
 struct CompareArguments {
   std::string a, b, diff;
   float gain = 4;
-  double min_psnr = 0;
+  std::optional<double> min_psnr;
   bool force = false, json = false;
 };
 
@@ -31,9 +31,9 @@ Result<void> run_compare(const CompareArguments& arguments) {
         {{"psnr", finite_or_null(d.psnr)}, {"ssim", d.ssim}, {"equal", !std::isfinite(d.psnr)}});
   else
     print("PSNR {:.2f} dB  SSIM {:.4f}\n", d.psnr, d.ssim);
-  if (d.psnr < arguments.min_psnr)
+  if (arguments.min_psnr && d.psnr < *arguments.min_psnr)
     return fail(ErrorCode::differs, arguments.a, " and ", arguments.b, ": PSNR ", d.psnr,
-                " dB is below ", arguments.min_psnr);
+                " dB is below ", *arguments.min_psnr);
   return {};
 }
 
@@ -45,14 +45,13 @@ void add_compare(CLI::App& app, Run& run) {
   auto a = std::make_shared<CompareArguments>();
   command->footer("\nAn example:\n  slf compare view.png truth.png --diff difference.png\n" +
                   command->get_footer());
-  command->add_option("A", a->a, "Picture")->type_name(kAnyFile)->required();
-  command->add_option("B", a->b, "Picture of the same size")->type_name(kAnyFile)->required();
-  command->add_option("--diff", a->diff, "Write the difference picture here")->type_name(kAnyFile);
-  command->add_option("--gain", a->gain, "Factor of the differences in that picture")
-      ->check(from_to(0, 1e6))
-      ->capture_default_str();
-  command->add_option("--min-psnr", a->min_psnr, "Exit with 7 if the PSNR is below this")
-      ->check(kNotNegative);
+  add_file(*command, "A", a->a, "Picture")->required();
+  add_file(*command, "B", a->b, "Picture of the same size")->required();
+  add_file(*command, "--diff", a->diff, "Write the difference picture here");
+  add_number(*command, "--gain", a->gain, "Factor of the differences in that picture",
+             from_to(0, 1e6));
+  add_number(*command, "--min-psnr", a->min_psnr, "Exit with 7 if the PSNR is below this",
+             kNotNegative);
   command->add_flag("-f,--force", a->force, "Overwrite the difference picture");
   command->add_flag("--json", a->json, "JSON on stdout");
   command->callback([a, &run] { run = [a] { return run_compare(*a); }; });

@@ -73,13 +73,12 @@ Result<void> run_diff(const DiffArguments& arguments) {
 void add_diff(CLI::App& app, Run& run) {
   auto* command = app.add_subcommand("diff", "Compare two fields: manifest, tiles, samples");
   auto a = std::make_shared<DiffArguments>();
-  command->add_option("A", a->a.path, "Field")->type_name(kFieldFile)->required();
-  command->add_option("B", a->b.path, "Field")->type_name(kFieldFile)->required();
-  command
-      ->add_option("--min-psnr", a->min_psnr,
-                   "Exit with 0 if both have the same tiles, none below this PSNR, whatever\n"
-                   "their bytes and manifests; without it any difference ends with 7")
-      ->check(kNotNegative);
+  add_file(*command, "A", a->a.path, "Field", kFieldFile)->required();
+  add_file(*command, "B", a->b.path, "Field", kFieldFile)->required();
+  add_number(*command, "--min-psnr", a->min_psnr,
+             "Exit with 0 if both have the same tiles, none below this PSNR, whatever\n"
+             "their bytes and manifests; without it any difference ends with 7",
+             kNotNegative);
   add_state(*command, "--state-a", a->a.state, "The state of A: its name or number, from 0");
   add_state(*command, "--state-b", a->b.state, "The state of B");
   add_threads(*command, a->diff.threads);

@@ -46,8 +46,8 @@ void print_field(const Field& field, const FieldContent& content) {
   const FieldShape& shape = field.shape();
   const glm::dvec3& c = shape.sphere.center;
   print("{}: {}sphere light field, {} on disk, {} of payload\n", field.path(),
-        content.complete ? "" : "INCOMPLETE ", human_bytes(static_cast<double>(content.file_bytes)),
-        human_bytes(static_cast<double>(content.payload_bytes)));
+        content.complete ? "" : "INCOMPLETE ", human_bytes(content.file_bytes),
+        human_bytes(content.payload_bytes));
   print("sphere  centre {:.2f},{:.2f},{:.2f}  radius {:.2f}\n", c.x, c.y, c.z, shape.sphere.radius);
   print("lattice {} entry, {} exit at the finest level\n", shape.entry_resolution(shape.levels),
         shape.exit_resolution(shape.levels));
@@ -66,17 +66,14 @@ void print_field(const Field& field, const FieldContent& content) {
   const std::vector<std::string> states = field.states();
   for (std::size_t state = 0; state < states.size(); ++state)
     print("state   {}: {}\n", state, states[state]);
-  std::vector<std::vector<std::string>> rows{
-      {"level", "lattice", "tiles", "stored", "empty", "slabs", "payload"}};
-  if (!states.empty()) rows[0].emplace_back("same");
+  std::vector<std::string> rows{"level\tlattice\ttiles\tstored\tempty\tslabs\tpayload"};
+  if (!states.empty()) rows[0] += "\tsame";
   for (const LevelContent& level : content.levels) {
-    rows.push_back({fmt::format("{}", level.level),
-                    fmt::format("{}/{}", shape.entry_resolution(level.level),
-                                shape.exit_resolution(level.level)),
-                    fmt::format("{}", level.tiles), fmt::format("{}", level.stored),
-                    fmt::format("{}", level.empty), human_count(static_cast<double>(level.slabs)),
-                    human_bytes(static_cast<double>(level.payload_bytes))});
-    if (!states.empty()) rows.back().push_back(fmt::format("{}", level.same));
+    rows.push_back(fmt::format(
+        "{}\t{}/{}\t{}\t{}\t{}\t{}\t{}", level.level, shape.entry_resolution(level.level),
+        shape.exit_resolution(level.level), level.tiles, level.stored, level.empty,
+        human_count(level.slabs), human_bytes(level.payload_bytes)));
+    if (!states.empty()) rows.back() += fmt::format("\t{}", level.same);
   }
   print_table(rows);
 }
@@ -183,17 +180,17 @@ nlohmann::json series_json(const SeriesList& list) {
 
 void print_series(const std::string& folder, const SeriesList& list) {
   print("{}: {} DICOM series, see --series\n", folder, list.series.size());
-  std::vector<std::vector<std::string>> rows{
-      {"series", "modality", "size", "type", "times", "description", "uid"}};
+  std::vector<std::string> rows{"series\tmodality\tsize\ttype\ttimes\tdescription\tuid"};
   // As print() shows them, so that columns are as wide.
   const auto cell = [](const std::string& text) { return printable(text, Lines::indented); };
   for (const VolumeSeries& s : list.series) {
     const std::string depth =
         s.problem.empty() ? fmt::format("x{}", s.dims[2]) : fmt::format(", {} slices", s.slices);
-    rows.push_back(
-        {cell(s.id), cell(s.modality), fmt::format("{}x{}{}", s.dims[0], s.dims[1], depth),
-         s.components == 1 ? name(s.type) : fmt::format("{} x {}", s.components, name(s.type)),
-         fmt::format("{}", s.times), cell(s.description), cell(s.uid)});
+    const std::string type =
+        s.components == 1 ? name(s.type) : fmt::format("{} x {}", s.components, name(s.type));
+    rows.push_back(fmt::format("{}\t{}\t{}x{}{}\t{}\t{}\t{}\t{}", cell(s.id), cell(s.modality),
+                               s.dims[0], s.dims[1], depth, type, s.times, cell(s.description),
+                               cell(s.uid)));
   }
   print_table(rows);
   for (const VolumeSeries& s : list.series)
@@ -322,12 +319,9 @@ void add_info(CLI::App& app, Run& run) {
   auto* command = app.add_subcommand(
       "info", "What a field (.slf), pictures, a mesh or a volume (anything else) holds");
   auto a = std::make_shared<InfoArguments>();
-  command
-      ->add_option(
-          "INPUT", a->source.input,
-          std::string("Field: .slf\nPictures with cameras: pictures:FOLDER or pictures:JSON\n") +
-              kVolumeHelp + "\n" + kMeshHelp)
-      ->type_name(kAnyFile)
+  add_file(*command, "INPUT", a->source.input,
+           std::string("Field: .slf\nPictures with cameras: pictures:FOLDER or pictures:JSON\n") +
+               kVolumeHelp + "\n" + kMeshHelp)
       ->required();
   add_state(*command, "--state", a->state, "Of a field: count the tiles of this state only");
   a->source.add_raw_to(*command);

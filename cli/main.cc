@@ -34,6 +34,10 @@ int run_command(int argc, char** argv) {
   slf::cli::Run run;
   const auto app = slf::cli::make_app(run);
   Result<void> done;
+  if (argc > 1 && std::string_view(argv[1]) == "__complete") {
+    slf::cli::complete(*app, {argv + 2, argv + argc});
+    return 0;
+  }
   try {
     app->parse(argc, argv);
     done = run();

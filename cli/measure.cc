@@ -12,10 +12,8 @@ struct ViewsArguments {
   std::uint64_t seed = 1;
 
   void add_to(CLI::App& command) {
-    command.add_option("--views", views, "Number of random views")
-        ->check(from_to(1, 100000))
-        ->capture_default_str();
-    command.add_option("--seed", seed, "Random seed of the views")->capture_default_str();
+    add_number(command, "--views", views, "Number of random views", from_to(1, 100000));
+    command.add_option("--seed", seed, "Random seed of the views");
   }
   [[nodiscard]] std::vector<Camera> cameras(const Sphere& sphere, double distance,
                                             const PixelSize& size) const {
@@ -85,9 +83,9 @@ nlohmann::json setting_json(const Setting& s, const Measurement& m, std::uint32_
 void print_measurement(const Setting& s, const Measurement& m, std::uint32_t views) {
   print("{} ({}): {} random views, {} pixels, eye at {} R, mode {}; mean (max)\n", s.field, s.codec,
         views, to_string(s.size), s.distance, name(s.mode));
-  std::vector<std::vector<std::string>> rows{{"level", "pairs crossed", "tiles touched", "of field",
-                                              "compressed", "pages", "kernel", "mapped",
-                                              "decoded peak"}};
+  std::vector<std::string> rows{
+      "level\tpairs crossed\ttiles touched\tof field\tcompressed\tpages\tkernel\tmapped\t"
+      "decoded peak"};
   const auto add = [&](const std::string& title, const LevelMeasure& l) {
     const auto bytes = [](const MeanAndMax& spread) {
       return fmt::format("{} ({})", human_bytes(spread.mean), human_bytes(spread.max));
@@ -95,19 +93,17 @@ void print_measurement(const Setting& s, const Measurement& m, std::uint32_t vie
     const auto pages = [&](const MeanAndMax& spread) {
       return m.kernel_counted ? fmt::format("{:.0f}", spread.mean) : "-";
     };
-    rows.push_back(
-        {title, fmt::format("{:.2f} %", 100 * l.pair_fraction.mean),
-         fmt::format("{:.1f} ({:.0f}) of {}", l.tiles_touched.mean, l.tiles_touched.max, l.tiles),
-         fmt::format("{:.2f} %", 100 * l.fraction.mean), bytes(l.compressed_bytes),
-         fmt::format("{:.0f} ({:.0f})", l.map_pages.mean, l.map_pages.max), pages(l.cached_pages),
-         pages(l.mapped_pages), bytes(l.decoded_peak_bytes)});
+    rows.push_back(fmt::format(
+        "{}\t{:.2f} %\t{:.1f} ({:.0f}) of {}\t{:.2f} %\t{}\t{:.0f} ({:.0f})\t{}\t{}\t{}", title,
+        100 * l.pair_fraction.mean, l.tiles_touched.mean, l.tiles_touched.max, l.tiles,
+        100 * l.fraction.mean, bytes(l.compressed_bytes), l.map_pages.mean, l.map_pages.max,
+        pages(l.cached_pages), pages(l.mapped_pages), bytes(l.decoded_peak_bytes)));
   };
   for (const LevelMeasure& level : m.levels) add(fmt::format("{}", level.level), level);
   if (m.levels.size() > 1) add("total", m.total);
   print_table(rows);
-  print("process peak: {} anonymous, {} mapped files\n",
-        human_bytes(static_cast<double>(m.rss_anon_peak)),
-        human_bytes(static_cast<double>(m.rss_file_peak)));
+  print("process peak: {} anonymous, {} mapped files\n", human_bytes(m.rss_anon_peak),
+        human_bytes(m.rss_file_peak));
 }
 
 Result<void> run_measure(const MeasureArguments& a) {
@@ -161,9 +157,9 @@ Result<std::vector<Picture>> pictures_of(const EvaluateArguments& a, const Field
   const auto built = nlohmann::json::parse(field.provenance(), nullptr, false);
   const auto holdout = built.is_object() ? built.value("holdout", 0u) : 0u;
   if (text_of(built, "kind", "") != "pictures" || holdout == 0)
-    return fail(ErrorCode::usage, field.path(),
-                ": nothing to compare with: expected --volume, --pictures, or a field that was "
-                "built with --holdout");
+    return misuse(field.path(),
+                  "nothing to compare with: expected --volume, --pictures, or a field that was "
+                  "built with --holdout");
   auto set = SLF_TRY(read_pictures(text_of(built, "source", "")));
   std::vector<Picture> held_out;
   for (std::size_t k = 0; k < set.pictures.size(); ++k)
@@ -179,17 +175,15 @@ Result<void> evaluate_with_pictures(const EvaluateArguments& a, const Field& fie
                                 progress_bar("evaluate", "pictures", OnSignal::end)));
   nlohmann::json per_view = nlohmann::json::array();
   ViewQuality whole, inside;
-  std::vector<std::vector<std::string>> rows{
-      {"picture", "PSNR", "SSIM", "PSNR inside", "SSIM inside"}};
+  std::vector<std::string> rows{"picture\tPSNR\tSSIM\tPSNR inside\tSSIM inside"};
   const auto count = static_cast<double>(qualities.size());
   for (const PictureQuality& q : qualities) {
     whole.psnr += q.whole.psnr / count;
     whole.ssim += q.whole.ssim / count;
     inside.psnr += q.inside.psnr / count;
     inside.ssim += q.inside.ssim / count;
-    rows.push_back({q.name, fmt::format("{:.2f}", q.whole.psnr),
-                    fmt::format("{:.4f}", q.whole.ssim), fmt::format("{:.2f}", q.inside.psnr),
-                    fmt::format("{:.4f}", q.inside.ssim)});
+    rows.push_back(fmt::format("{}\t{:.2f}\t{:.4f}\t{:.2f}\t{:.4f}", q.name, q.whole.psnr,
+                               q.whole.ssim, q.inside.psnr, q.inside.ssim));
     per_view.push_back({{"picture", q.name},
                         {"psnr", finite_or_null(q.whole.psnr)},
                         {"ssim", q.whole.ssim},
@@ -213,7 +207,7 @@ Result<void> evaluate_with_pictures(const EvaluateArguments& a, const Field& fie
       "{}: mode {}, level {}: PSNR {:.2f} dB, SSIM {:.4f}; inside the sphere {:.2f} dB, {:.4f} "
       "(mean of {} pictures), {}\n",
       a.field.path, name(view.mode), view.level, whole.psnr, whole.ssim, inside.psnr, inside.ssim,
-      qualities.size(), human_bytes(static_cast<double>(field.file_bytes())));
+      qualities.size(), human_bytes(field.file_bytes()));
   return {};
 }
 
@@ -257,7 +251,7 @@ Result<void> run_evaluate(const EvaluateArguments& a) {
   } else {
     print("{}: mode {}, level {}: PSNR {:.2f} dB, SSIM {:.4f} (mean of {} views), {}\n",
           a.field.path, name(view.mode), view.level, evaluation.psnr, evaluation.ssim,
-          a.views.views, human_bytes(static_cast<double>(bytes)));
+          a.views.views, human_bytes(bytes));
   }
   return {};
 }
@@ -268,22 +262,21 @@ void add_measure(CLI::App& app, Run& run) {
   auto* command = app.add_subcommand(
       "measure", "Memory per view: tiles, bytes, pages, the kernel's own count, peaks");
   auto a = std::make_shared<MeasureArguments>();
-  command->add_option("FIELD", a->fields, "Fields; several are measured one by one")
-      ->type_name(kFieldFile)
+  add_file(*command, "FIELD", a->fields, "Fields; several are measured one by one", kFieldFile)
       ->required();
   add_state(*command, "--state", a->state, "The state of the fields to show: its name or number");
   a->views.add_to(*command);
-  command->add_option("--distance", a->distances, std::string(kDistanceHelp) + "; or several")
-      ->check(kDistance)
+  add_number(*command, "--distance", a->distances, std::string(kDistanceHelp) + "; or several",
+             kDistance)
       ->delimiter(',')
       ->default_str("3");
   of_pixels(command->add_option("--size", a->sizes, std::string(kSizeHelp) + "; or several"))
       ->delimiter(',')
       ->default_str("512x512");
-  const char* group = "Drawing";
+  command->add_flag("--json", a->json, "JSON on stdout");
+  const OptionGroup group(*command, "Drawing");
   choose(command->add_option("--mode", a->modes, "As for render; or several"), kRenderModes)
-      ->delimiter(',')
-      ->group(group);
+      ->delimiter(',');
   a->draw.level = kAllLevels;
   command
       ->add_option("--level", a->draw.level,
@@ -295,10 +288,8 @@ void add_measure(CLI::App& app, Run& run) {
                                                            {"auto", kMatchingLevel}})
               .description(""))
       ->type_name("LEVEL")
-      ->group(group)
       ->default_str("all");
   a->draw.add_resources_to(*command);
-  command->add_flag("--json", a->json, "JSON on stdout");
   command->footer(
       "Levels are drawn one by one, each from a cold file. pages: the engine's count of 4 KiB\n"
       "pages of the file, including the search tree; kernel: pages read into memory (mincore);\n"
@@ -315,12 +306,9 @@ void add_evaluate(CLI::App& app, Run& run) {
   a->field.add_to(*command, "Field to evaluate");
   a->source.add_volume_to(*command, "--volume");
   command->get_option("--volume")->required(false);
-  command
-      ->add_option(
-          "--pictures", a->pictures,
-          "Compare with pictures instead of a volume: transforms.json or a folder, as for\n"
-          "`slf build pictures:FOLDER`; default: those that --holdout left out")
-      ->type_name(kAnyFile)
+  add_file(*command, "--pictures", a->pictures,
+           "Compare with pictures instead of a volume: transforms.json or a folder, as for\n"
+           "`slf build pictures:FOLDER`; default: those that --holdout left out")
       ->excludes("--volume");
   command->get_option("--transfer")
       ->description(
@@ -333,16 +321,12 @@ void add_evaluate(CLI::App& app, Run& run) {
           "Compare with path tracing, which is unbiased, and slow: minutes; with 2 views\n"
           "of 192 pixels and 192 paths, unless others are named");
   a->views.add_to(*command);
-  command->add_option("--distance", a->distance, kDistanceHelp)
-      ->check(kDistance)
-      ->capture_default_str();
+  add_number(*command, "--distance", a->distance, kDistanceHelp, kDistance);
   of_pixels(command->add_option("--size", a->size, kSizeHelp))->default_str(to_string(a->size));
-  command
-      ->add_option("--supersample", a->supersample,
-                   "Rays along a pixel's edge in the ground truth; above 1 it is anti-aliased, as\n"
-                   "small and distant views need it")
-      ->check(CLI::Range(1, 16).description(""))
-      ->capture_default_str();
+  add_number(*command, "--supersample", a->supersample,
+             "Rays along a pixel's edge in the ground truth; above 1 it is anti-aliased, as\n"
+             "small and distant views need it",
+             from_to(1, 16));
   a->draw.add_to(*command);
   command->add_flag("--json", a->json, "JSON on stdout");
   command->callback([a, command, &run] {

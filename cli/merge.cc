@@ -26,8 +26,8 @@ Result<void> run_merge(const MergeArguments& a) {
                 {"payload_bytes", report->payload_bytes},
                 {"file_bytes", report->file_bytes}});
   else
-    print("{}: {}, {} tiles of {} parts\n", a.output,
-          human_bytes(static_cast<double>(report->file_bytes)), report->tiles, a.parts.size());
+    print("{}: {}, {} tiles of {} parts\n", a.output, human_bytes(report->file_bytes),
+          report->tiles, a.parts.size());
   return {};
 }
 
@@ -36,12 +36,9 @@ Result<void> run_merge(const MergeArguments& a) {
 void add_merge(CLI::App& app, Run& run) {
   auto* command = app.add_subcommand("merge", "Join parts of a field: shards, levels, subfields");
   auto a = std::make_shared<MergeArguments>();
-  command->add_option("PARTS", a->parts, "Parts of one field, in any order; not touched")
-      ->type_name(kFieldFile)
+  add_file(*command, "PARTS", a->parts, "Parts of one field, in any order; not touched", kFieldFile)
       ->required();
-  command->add_option("-o,--output", a->output, "The field to write")
-      ->type_name(kFieldFile)
-      ->required();
+  add_file(*command, "-o,--output", a->output, "The field to write", kFieldFile)->required();
   command->add_flag("-f,--force", a->merge.replace,
                     "Replace the output, once the new field is complete");
   command->add_flag("--part", a->merge.part,

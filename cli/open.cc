@@ -80,8 +80,7 @@ namespace {
 
 Result<Field> open_first_state(const std::string& path) {
   if (!is_address(path)) return Field::open(path);
-  return fail(ErrorCode::unsupported, path,
-              ": this slf was built without libcurl and does not read fields over HTTP");
+  return unsupported(path, "this slf was built without libcurl and does not read fields over HTTP");
 }
 
 }  // namespace

@@ -94,18 +94,18 @@ void keep_freed_memory() {
 #endif
 }
 
-void print_table(const std::vector<std::vector<std::string>>& rows) {
+void print_table(const std::vector<std::string>& rows) {
   std::vector<std::size_t> width;
-  for (const auto& row : rows)
-    for (std::size_t c = 0; c < row.size(); ++c) {
-      width.resize(std::max(width.size(), c + 1));
-      width[c] = std::max(width[c], row[c].size());
-    }
-  for (const auto& row : rows) {
-    std::string line;
-    for (std::size_t c = 0; c < row.size(); ++c)
-      line += c == 0 ? fmt::format("{:<{}}", row[c], width[c])
-                     : fmt::format("  {:>{}}", row[c], width[c]);
+  for (const std::string& row : rows) {
+    const auto cells = CLI::detail::split(row, '\t');
+    width.resize(std::max(width.size(), cells.size()));
+    for (std::size_t c = 0; c < cells.size(); ++c) width[c] = std::max(width[c], cells[c].size());
+  }
+  for (const std::string& row : rows) {
+    const auto cells = CLI::detail::split(row, '\t');
+    std::string line = fmt::format("{:<{}}", cells[0], width[0]);
+    for (std::size_t c = 1; c < cells.size(); ++c)
+      line += fmt::format("  {:>{}}", cells[c], width[c]);
     print("{}\n", line);
   }
 }

@@ -24,7 +24,7 @@ struct Arguments {
 /// Reads a file with one X,Y a line. bad_file: a line is something else.
 Result<std::vector<std::array<double, 2>>> read_pixels(const std::string& path) {
   const auto bytes = SLF_TRY(read_file(path, kMaxPixelsFile));
-  std::istringstream lines(std::string(reinterpret_cast<const char*>(bytes.data()), bytes.size()));
+  std::istringstream lines(std::string(chars_of(bytes)));
   std::vector<std::array<double, 2>> pixels;
   std::size_t number = 0;
   for (std::string line; std::getline(lines, line);) {
@@ -33,7 +33,7 @@ Result<std::vector<std::array<double, 2>>> read_pixels(const std::string& path) 
     std::array<double, 2> pixel{};
     if (!CLI::detail::lexical_conversion<std::array<double, 2>, std::array<double, 2>>(
             CLI::detail::split(line, ','), pixel))
-      return fail(ErrorCode::bad_file, path, ": line ", number, ": '", line, "'; expected X,Y");
+      return bad_file(path, "line ", number, ": '", line, "'; expected X,Y");
     pixels.push_back(pixel);
   }
   return pixels;
@@ -77,9 +77,7 @@ void add_pick(CLI::App& app, Run& run) {
                                  "Places in the picture, in pixels from its upper left corner")
                     ->delimiter(',')
                     ->type_name("X,Y");
-  command->add_option("--pixels", a->file, "A file with one X,Y a line")
-      ->type_name(kAnyFile)
-      ->excludes(pixel);
+  add_file(*command, "--pixels", a->file, "A file with one X,Y a line")->excludes(pixel);
   a->camera.add_to(*command);
   a->draw.add_resources_to(*command);
   command->add_flag("--json", a->json, "JSON on stdout, one object a line for each pixel");

@@ -48,24 +48,18 @@ void add_pictures(CLI::App& app, Run& run) {
   command->add_option("WHAT", a->what, "depth: depths, and how many other pictures confirm them")
       ->check(CLI::IsMember({"depth"}))
       ->required();
-  command
-      ->add_option("INPUT", a->source.input,
-                   "Folder or JSON file with cameras, as of pictures:FOLDER")
-      ->type_name(kAnyFile)
+  add_file(*command, "INPUT", a->source.input,
+           "Folder or JSON file with cameras, as of pictures:FOLDER")
       ->required();
-  command->add_option("-o,--output", a->output, "Contact sheet to write: .png, .jpg or .exr")
-      ->type_name(kAnyFile)
+  add_file(*command, "-o,--output", a->output, "Contact sheet to write: .png, .jpg or .exr")
       ->required();
   command->add_flag("-f,--force", a->force, "Overwrite the file");
-  command->add_option("--count", a->count, "Pictures to show, at most, evenly chosen")
-      ->check(CLI::Range(1, 1000).description(""))
-      ->capture_default_str();
-  command->add_option("--cell", a->cell, "Pixels along the longer side of each picture shown")
-      ->check(CLI::Range(16, 512).description(""))
-      ->capture_default_str();
+  add_number(*command, "--count", a->count, "Pictures to show, at most, evenly chosen",
+             from_to(1, 1000));
+  add_number(*command, "--cell", a->cell, "Pixels along the longer side of each picture shown",
+             from_to(16, 512));
   add_vector(*command, "--center", a->center, "Centre of the sphere; default: found");
-  command->add_option("--radius", a->radius, "Radius of the sphere; default: found")
-      ->check(kLength);
+  add_number(*command, "--radius", a->radius, "Radius of the sphere; default: found", kLength);
   a->source.add_pictures_to(*command);
   add_threads(*command, a->threads);
   command->callback([a, &run] { run = [a] { return run_pictures(*a); }; });

@@ -59,7 +59,7 @@ class FrameFiles {
       if (error)
         return fail(ErrorCode::io, a.frames, ": cannot make the folder: ", error.message());
       if (!a.force && !std::filesystem::is_empty(a.frames, error))
-        return fail(ErrorCode::usage, a.frames, ": not empty; -f overwrites the frames in it");
+        return misuse(a.frames, "not empty; -f overwrites the frames in it");
       pictures.folder_ = a.frames;
     }
     return pictures;
@@ -215,7 +215,6 @@ Result<PlayResult> play(const PlayArguments& a, const PlayOptions& options, Fram
   return played;
 }
 
-/// A summary of all frames.
 struct Summary {
   std::size_t frames = 0, late = 0;
   double mean_ms = 0, p95_ms = 0, worst_ms = 0;
@@ -237,7 +236,7 @@ struct Summary {
       for (std::size_t level = 0; level < r.level_pixels.size(); ++level)
         level_shares[level] += static_cast<double>(r.level_pixels[level]);
     }
-    std::sort(ms.begin(), ms.end());
+    std::ranges::sort(ms);
     mean_ms = std::accumulate(ms.begin(), ms.end(), 0.0) / static_cast<double>(frames);
     p95_ms = ms[(frames - 1) * 95 / 100];
     worst_ms = ms.back();
@@ -284,22 +283,12 @@ std::string shares_text(const std::vector<double>& shares) {
   return fmt::format("{}", fmt::join(texts, " "));
 }
 
-std::vector<std::string> played_row(const PlayResult& played, const Summary& s) {
-  const auto bytes = [](std::uint64_t b) { return human_bytes(static_cast<double>(b)); };
-  return {name(played.loading),
-          fmt::format("{}", s.frames),
-          fmt::format("{}", s.late),
-          fmt::format("{:.1f}", s.mean_ms),
-          fmt::format("{:.1f}", s.p95_ms),
-          fmt::format("{:.1f}", s.worst_ms),
-          fmt::format("{:.2f} %", 100 * s.mean_full),
-          fmt::format("{:.2f} %", 100 * s.least_full),
-          shares_text(s.level_shares),
-          fmt::format("{:.2f} %", 100 * s.hit_rate),
-          fmt::format("{}", s.loads),
-          bytes(s.load_bytes),
-          bytes(played.peak.anonymous),
-          bytes(played.peak.file)};
+std::string played_row(const PlayResult& played, const Summary& s) {
+  return fmt::format(
+      "{}\t{}\t{}\t{:.1f}\t{:.1f}\t{:.1f}\t{:.2f} %\t{:.2f} %\t{}\t{:.2f} %\t{}\t{}\t{}\t{}",
+      name(played.loading), s.frames, s.late, s.mean_ms, s.p95_ms, s.worst_ms, 100 * s.mean_full,
+      100 * s.least_full, shares_text(s.level_shares), 100 * s.hit_rate, s.loads,
+      human_bytes(s.load_bytes), human_bytes(played.peak.anonymous), human_bytes(played.peak.file));
 }
 
 Result<void> run_play(const PlayArguments& a) {
@@ -309,9 +298,9 @@ Result<void> run_play(const PlayArguments& a) {
   auto pictures = SLF_TRY(FrameFiles::make(a));
 
   nlohmann::json runs = nlohmann::json::array();
-  std::vector<std::vector<std::string>> rows{{"loading", "frames", "late", "mean ms", "95 %",
-                                              "worst", "full level", "least", "% by level", "hits",
-                                              "loads", "read", "anonymous", "mapped"}};
+  std::vector<std::string> rows{
+      "loading\tframes\tlate\tmean ms\t95 %\tworst\tfull level\tleast\t% by level\thits\tloads\t"
+      "read\tanonymous\tmapped"};
   for (const Loading way : a.loading) {
     options.loading = way;
     // Pictures are written for the first way of loading only.
@@ -350,32 +339,21 @@ void add_play(CLI::App& app, Run& run) {
                    "Show these states of the field in turn, one in each frame: a half-open\n"
                    "range of their numbers, as 0:40; : are all")
       ->type_name("FIRST:END");
-  const char* path = "Path";
+  command->option_defaults()->group("Path");
   auto* keys =
       command->add_option("--path", a->path,
                           "Keyframes, JSON: {\"keys\": [{\"at\": 0, \"orbit\": [0,20,3]},\n"
                           "{\"at\": 4, \"eye\": [x,y,z], \"look_at\": [x,y,z], \"fov\": 30}]}");
-  keys->group(path)->type_name("FILE.json");
+  keys->type_name("FILE.json");
   add_orbit(*command, a->orbit, "Without --path: azimuth, elevation and distance to start from")
-      ->group(path)
       ->excludes(keys);
-  command->add_option("--turns", a->turns, "Number of turns of an orbit")
-      ->check(from_to(-1e6, 1e6))
-      ->group(path)
-      ->capture_default_str();
-  command->add_option("--seconds", a->seconds, "Length of an orbit")
-      ->check(above(0, 86400))
-      ->group(path)
-      ->capture_default_str();
-  command->add_option("--fps", a->fps, "Frames per second")
-      ->check(from_to(0.01, 1000))
-      ->group(path)
-      ->capture_default_str();
+  add_number(*command, "--turns", a->turns, "Number of turns of an orbit", from_to(-1e6, 1e6));
+  add_number(*command, "--seconds", a->seconds, "Length of an orbit", above(0, 86400));
+  add_number(*command, "--fps", a->fps, "Frames per second", from_to(0.01, 1000));
   of_pixels(
       command->add_option("--size", a->size, "Picture size in pixels; one number for a square"))
-      ->group(path)
       ->default_str(to_string(a->size));
-  const char* loading = "Loading";
+  command->option_defaults()->group("Loading");
   choose(command->add_option(
              "--loading", a->loading,
              "ahead: a thread loads the tiles of predicted views; demand: only tiles that a\n"
@@ -384,27 +362,17 @@ void add_play(CLI::App& app, Run& run) {
          Choices<Loading>{
              {"ahead", Loading::ahead}, {"demand", Loading::demand}, {"wait", Loading::wait}})
       ->delimiter(',')
-      ->group(loading)
       ->default_str("ahead");
-  command->add_option("--horizon", a->horizon, "Frames to load ahead")
-      ->check(CLI::Range(0, 1000).description(""))
-      ->group(loading)
-      ->capture_default_str();
-  command
-      ->add_flag("--cold", a->cold,
-                 "Ask the kernel to forget the file before each run, so that\n"
-                 "tiles come from the disk")
-      ->group(loading);
+  add_number(*command, "--horizon", a->horizon, "Frames to load ahead", from_to(0, 1000));
+  command->add_flag("--cold", a->cold,
+                    "Ask the kernel to forget the file before each run, so that\n"
+                    "tiles come from the disk");
   a->draw.add_to(*command);
-  const char* output = "Output";
-  command->add_option("--frames", a->frames, "Write every frame as PNG into this folder")
-      ->type_name(kFolder)
-      ->group(output);
-  command->add_option("--preview", a->preview, "Write an animated WebP")
-      ->group(output)
-      ->type_name("FILE.webp");
-  command->add_flag("-f,--force", a->force, "Overwrite pictures")->group(output);
-  command->add_flag("--json", a->json, "Summary and every frame as JSON")->group(output);
+  command->option_defaults()->group("Output");
+  add_file(*command, "--frames", a->frames, "Write every frame as PNG into this folder", kFolder);
+  command->add_option("--preview", a->preview, "Write an animated WebP")->type_name("FILE.webp");
+  command->add_flag("-f,--force", a->force, "Overwrite pictures");
+  command->add_flag("--json", a->json, "Summary and every frame as JSON");
   command->callback([a, &run] { run = [a] { return run_play(*a); }; });
 }
 

@@ -22,9 +22,8 @@ struct PictureOutput {
   bool force = false;
 
   void add_to(CLI::App& command) {
-    command
-        .add_option("-o,--output", output, "Picture to write: .png, .jpg, or .exr (float RGBA, Z)")
-        ->type_name(kAnyFile)
+    add_file(command, "-o,--output", output,
+             "Picture to write: .png, .jpg, or .exr (float RGBA, Z)")
         ->required();
     command.add_flag("-f,--force", force, "Overwrite the picture");
     command.add_option("--background", background, "Colour from 0 to 1 behind the picture")
@@ -82,9 +81,9 @@ nlohmann::json statistics_json(const ViewStatistics& s, const Footprint& file,
 void print_statistics(nlohmann::json json) {
   const nlohmann::json traffic = traffic_json();
   for (const auto& [key, value] : traffic.items()) json["http_" + key] = value;
-  std::vector<std::vector<std::string>> rows;
+  std::vector<std::string> rows;
   for (const auto& [key, value] : json.items())
-    rows.push_back({key, value.is_string() ? value.get<std::string>() : value.dump()});
+    rows.push_back(key + "\t" + (value.is_string() ? value.get<std::string>() : value.dump()));
   print_table(rows);
 }
 
@@ -148,11 +147,11 @@ Result<void> name_pictures(const RaycastArguments& a, std::vector<Picture>& pict
   for (Picture& picture : pictures) {
     const fs::path name = fs::path(picture.name).relative_path().lexically_normal();
     if (!name.has_filename() || name == "." || *name.begin() == "..")
-      return fail(ErrorCode::bad_file, a.cameras, ": ", picture.name, ": leads out of the folder");
+      return bad_file(a.cameras, picture.name, ": leads out of the folder");
     picture.file = (fs::path(a.picture.output) / name).replace_extension(".exr").string();
     if (!names.insert(picture.file).second)
-      return fail(ErrorCode::bad_file, a.cameras, ": ", picture.name, ": another picture would be ",
-                  picture.file, ", too");
+      return bad_file(a.cameras, picture.name, ": another picture would be ", picture.file,
+                      ", too");
   }
   return {};
 }
@@ -230,11 +229,9 @@ void add_raycast(CLI::App& app, Run& run) {
   a->source.add_pictures_to(*command);
   a->picture.add_to(*command);
   a->camera.add_to(*command);
-  command
-      ->add_option("--cameras", a->cameras,
-                   "Draw the pictures of all cameras in a transforms.json, as .exr with depth (Z,\n"
-                   "from the eye), in the folder OUTPUT")
-      ->type_name(kAnyFile);
+  add_file(*command, "--cameras", a->cameras,
+           "Draw the pictures of all cameras in a transforms.json, as .exr with depth (Z,\n"
+           "from the eye), in the folder OUTPUT");
   add_threads(*command, a->threads);
   command->callback([a, &run] { run = [a] { return run_raycast(*a); }; });
 }

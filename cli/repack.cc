@@ -17,9 +17,7 @@ struct RepackArguments {
   std::vector<std::string> states;  // to keep; empty: all
   bool merge = false, split = false;
   Subfields subfields;
-  std::optional<bool> half;
   RepackOptions repack;
-  int levels = -1;
   bool force = false, dry_run = false, no_light = false, json = false;
 };
 
@@ -37,9 +35,8 @@ Result<void> estimate(const RepackArguments& a, const Field& field, const Repack
                 {"input_bytes", field.file_bytes()}});
   else
     print("would write {}, give or take {} (now {}); {} of {} tiles encoded to estimate it\n",
-          human_bytes(static_cast<double>(estimate.file_bytes)),
-          human_bytes(static_cast<double>(estimate.file_error_bytes)),
-          human_bytes(static_cast<double>(field.file_bytes())), estimate.sampled, estimate.tiles);
+          human_bytes(estimate.file_bytes), human_bytes(estimate.file_error_bytes),
+          human_bytes(field.file_bytes()), estimate.sampled, estimate.tiles);
   return {};
 }
 
@@ -78,8 +75,6 @@ Result<void> run_repack(const RepackArguments& a) {
   keep_freed_memory();
   RepackOptions options = a.repack;
   options.light = !a.no_light;
-  if (a.levels >= 0) options.levels = static_cast<unsigned>(a.levels);
-  options.half = a.half;
   options.subfields = a.subfields.numbers;
   options.replace = a.force;
   std::vector<StateSource> states;
@@ -105,8 +100,8 @@ Result<void> run_repack(const RepackArguments& a) {
                 {"input_bytes", field.file_bytes()}});
   else
     print("{}: {} (was {}), {} tiles copied, {} recoded{}\n", a.output,
-          human_bytes(static_cast<double>(report.file_bytes)),
-          human_bytes(static_cast<double>(field.file_bytes())), report.copied, report.recoded,
+          human_bytes(report.file_bytes), human_bytes(field.file_bytes()), report.copied,
+          report.recoded,
           report.missing ? fmt::format(", {} missing as in the input", report.missing) : "");
   return {};
 }
@@ -132,8 +127,7 @@ void print_report(const std::string& path, const VerifyReport& report) {
     print("{} {}\n", id(finding.kind), finding.message);
   if (report.found > report.findings.size())
     print("... and {} more\n", report.found - report.findings.size());
-  print("{}: {} tiles, {}: {}\n", path, report.tiles,
-        human_bytes(static_cast<double>(report.payload_bytes)),
+  print("{}: {} tiles, {}: {}\n", path, report.tiles, human_bytes(report.payload_bytes),
         report.found == 0     ? "all good"
         : report.damaged == 0 ? "no damage, but incomplete"
                               : fmt::format("{} damaged", report.damaged));
@@ -155,14 +149,14 @@ Result<void> run_verify(const VerifyArguments& a) {
                      a.field, report.dropped));
   if (report.unfixed == 0) return {};
   if (a.verify.fix)
-    return fail(ErrorCode::bad_file, a.field, ": ", report.unfixed,
-                " findings cannot be fixed in place; build it anew, or restore a copy");
+    return bad_file(a.field, report.unfixed,
+                    " findings cannot be fixed in place; build it anew, or restore a copy");
   const bool droppable = std::ranges::none_of(report.findings, [](const Finding& finding) {
     return finding.kind == FindingKind::structure || finding.kind == FindingKind::manifest;
   });
-  return fail(ErrorCode::bad_file, a.field, ": damaged; ",
-              droppable ? "slf verify --fix drops damaged tiles"
-                        : "it cannot be fixed in place: build it anew, or restore a copy");
+  return bad_file(a.field, "damaged; ",
+                  droppable ? "slf verify --fix drops damaged tiles"
+                            : "it cannot be fixed in place: build it anew, or restore a copy");
 }
 
 }  // namespace
@@ -171,9 +165,7 @@ void add_repack(CLI::App& app, Run& run) {
   auto* command = app.add_subcommand(
       "repack", "Rewrite a field: another codec, quality, other levels; compact");
   auto a = std::make_shared<RepackArguments>();
-  command->add_option("FIELD", a->inputs, "Field to read; not touched")
-      ->type_name(kFieldFile)
-      ->required();
+  add_file(*command, "FIELD", a->inputs, "Field to read; not touched", kFieldFile)->required();
   auto* merge =
       command->add_flag("--merge-states", a->merge,
                         "Make a field whose states are several fields, named after their\n"
@@ -186,7 +178,7 @@ void add_repack(CLI::App& app, Run& run) {
       ->add_option("--states", a->states, "The states to keep, by names or numbers; default: all")
       ->delimiter(',')
       ->type_name("STATE,...");
-  command->add_option("-o,--output", a->output, "The field to write")->type_name(kFieldFile);
+  add_file(*command, "-o,--output", a->output, "The field to write", kFieldFile);
   command->add_flag("--dry-run", a->dry_run,
                     "Write nothing: estimate the output's size from a sample of the tiles");
   command->add_flag("-f,--force", a->force, "Replace the output, once the new field is complete");
@@ -196,9 +188,9 @@ void add_repack(CLI::App& app, Run& run) {
                    "zstd[:LEVEL] or raw; default: as it is")
       ->type_name(kCodec);
   add_no_depth(*command, a->repack.depth, "Leave out depths; not with predictive");
-  command->add_option("--levels", a->levels, "The finest level to keep")->check(kNotNegative);
+  add_number(*command, "--levels", a->repack.levels, "The finest level to keep", kNotNegative);
   add_subfields(*command, a->subfields, "Level-0 subfields to keep");
-  choose(command->add_option("--color-type", a->half, "u8 or half"),
+  choose(command->add_option("--color-type", a->repack.half, "u8 or half"),
          Choices<bool>{{"u8", false}, {"half", true}});
   command->add_flag("--no-light", a->no_light,
                     "Leave out the light volume, which views do not need; evaluate then computes\n"
@@ -219,7 +211,7 @@ lost, C1 tiles are missing.
 Exit code 0 when all is good or only tiles are missing, 3 when something is damaged and, with
 --fix, could not be dropped (S1, M1).)");
   auto a = std::make_shared<VerifyArguments>();
-  command->add_option("FIELD", a->field, "Field to check")->type_name(kFieldFile)->required();
+  add_file(*command, "FIELD", a->field, "Field to check", kFieldFile)->required();
   command->add_flag("--quick", a->verify.quick, "Structure and counts only");
   command->add_flag("--fix", a->verify.fix, "Drop damaged tiles, so that build can refill them");
   add_threads(*command, a->verify.threads);

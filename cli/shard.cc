@@ -4,6 +4,7 @@
 #include <charconv>
 #include <cstdlib>
 #include <sstream>
+#include <tuple>
 
 #include "cli/command.h"
 
@@ -40,24 +41,18 @@ std::optional<Engine> slurm_array() {
   return Engine{"Slurm job array", (*id - *first) / step, *count};
 }
 
-std::optional<Engine> ranks(const char* name, std::optional<std::uint64_t> rank,
-                            std::optional<std::uint64_t> count) {
-  if (!rank || !count) return std::nullopt;
-  return Engine{name, *rank, *count};
-}
-
 /// The engine that started this process. In a Slurm job that is not an array, mpirun has precedence
 /// over Slurm's own tasks, because it numbers the processes.
 std::optional<Engine> find_engine() {
   if (auto engine = slurm_array()) return engine;
-  if (auto engine =
-          ranks("Open MPI", number_in("OMPI_COMM_WORLD_RANK"), number_in("OMPI_COMM_WORLD_SIZE")))
-    return engine;
-  if (auto engine = ranks("PMI", number_in("PMI_RANK"), number_in("PMI_SIZE"))) return engine;
-  if (auto engine = ranks("Slurm tasks", number_in("SLURM_PROCID"), number_in("SLURM_NTASKS")))
-    return engine;
-  return ranks("Kubernetes indexed job", number_in("JOB_COMPLETION_INDEX"),
-               number_in("JOB_COMPLETIONS"));
+  for (const auto& [name, rank, size] :
+       {std::tuple{"Open MPI", "OMPI_COMM_WORLD_RANK", "OMPI_COMM_WORLD_SIZE"},
+        {"PMI", "PMI_RANK", "PMI_SIZE"},
+        {"Slurm tasks", "SLURM_PROCID", "SLURM_NTASKS"},
+        {"Kubernetes indexed job", "JOB_COMPLETION_INDEX", "JOB_COMPLETIONS"}})
+    if (const auto index = number_in(rank), count = number_in(size); index && count)
+      return Engine{name, *index, *count};
+  return std::nullopt;
 }
 
 Result<ShardOptions> from_engine() {
@@ -95,21 +90,17 @@ void replace_all(std::string& text, const std::string& what, const std::string& 
 }  // namespace
 
 void ShardArguments::add_to(CLI::App& command) {
-  const char* group = "Several machines";
+  const OptionGroup group(command, "Several machines");
   command
       .add_option("--shard", shard,
                   "Build the K-th of N parts of equal work; auto: as Slurm, MPI or Kubernetes\n"
                   "says; {K} and {N} in the output's name stand for the numbers")
-      ->type_name("K/N")
-      ->group(group);
-  add_levels(command, "--only-levels", levels, "Build these levels only, as a part of the field")
-      ->group(group);
-  command
-      .add_option("--coarser", coarser,
-                  "Part of this field with all coarser levels, from which the next one is\n"
-                  "predicted; without it, a part builds the coarser tiles that it needs itself")
-      ->type_name(kFieldFile)
-      ->group(group);
+      ->type_name("K/N");
+  add_levels(command, "--only-levels", levels, "Build these levels only, as a part of the field");
+  add_file(command, "--coarser", coarser,
+           "Part of this field with all coarser levels, from which the next one is\n"
+           "predicted; without it, a part builds the coarser tiles that it needs itself",
+           kFieldFile);
 }
 
 Result<ShardOptions> ShardArguments::options() const {

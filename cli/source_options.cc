@@ -52,63 +52,49 @@ CLI::Option* add_numbers(CLI::App& command, const char* name, int count, char de
 }  // namespace
 
 void SourceArguments::add_volume_to(CLI::App& command, const char* name) {
-  command
-      .add_option(name, input,
-                  kVolumeHelp + ", or\n" + kMeshHelp + ", or\n" +
-                      "pictures:FOLDER or pictures:JSON, with cameras (doc/pictures.md), or\n"
-                      "scene:balls, scene:globe, scene:fog")
-      ->type_name(kAnyFile)
+  add_file(command, name, input,
+           kVolumeHelp + ", or\n" + kMeshHelp + ", or\n" +
+               "pictures:FOLDER or pictures:JSON, with cameras (doc/pictures.md), or\n"
+               "scene:balls, scene:globe, scene:fog")
       ->required();
-  command
-      .add_option("--transfer", transfer,
-                  std::string(kTransferHelp) + "; default: made from the histogram")
-      ->type_name(kAnyFile)
-      ->group(kVolumeGroup);
+  const OptionGroup group(command, kVolumeGroup);
+  add_file(command, "--transfer", transfer,
+           std::string(kTransferHelp) + "; default: made from the histogram");
   add_numbers<double>(
       command, "--range", 2, ',',
       [this](const std::vector<double>& ends) {
         range = {ends[0], ends[1]};
       },
       "Stretch the transfer function to these values of the volume")
-      ->type_name("LO,HI")
-      ->group(kVolumeGroup);
-  command
-      .add_option("--labels-volume", labels_volume.path,
-                  "Label volume: each label gets a colour; on another grid it is resampled\n"
-                  "by world position (nearest voxel)")
-      ->type_name(kAnyFile)
-      ->group(kVolumeGroup);
-  command
-      .add_option("--label-table", label_table,
-                  "Colour and opacity by id: a table of ITK-SNAP, 3D Slicer (.ctbl, .csv) or\n"
-                  "FreeSurfer, or JSON; for --labels-volume or --labels")
-      ->type_name(kAnyFile)
-      ->group(kVolumeGroup);
+      ->type_name("LO,HI");
+  add_file(command, "--labels-volume", labels_volume.path,
+           "Label volume: each label gets a colour; on another grid it is resampled\n"
+           "by world position (nearest voxel)");
+  add_file(command, "--label-table", label_table,
+           "Colour and opacity by id: a table of ITK-SNAP, 3D Slicer (.ctbl, .csv) or\n"
+           "FreeSurfer, or JSON; for --labels-volume or --labels");
   command
       .add_option("--only-labels", only_labels,
                   "Show these labels alone, by id; what is hidden keeps its shadows")
       ->delimiter(',')
       ->allow_extra_args(false)
-      ->type_name("ID,...")
-      ->group(kVolumeGroup);
-  command.add_option("--mask", mask.path, "Show the volume only where this mask is not 0")
-      ->type_name(kAnyFile)
-      ->group(kVolumeGroup);
-  add_clip(command, raycast.clip)->group(kVolumeGroup);
+      ->type_name("ID,...");
+  add_file(command, "--mask", mask.path, "Show the volume only where this mask is not 0");
+  add_clip(command, raycast.clip);
   add_raw_to(command);
   add_mesh_to(command);
 }
 
 void SourceArguments::add_mesh_to(CLI::App& command) {
+  const OptionGroup group(command, "Mesh");
   choose(command.add_option("--up-axis", up_axis,
                             "Axis of a mesh's file that becomes +z, up; the y axis is the default\n"
                             "for glTF and OBJ, z for PLY and STL"),
-         Choices<UpAxis>{{"y", UpAxis::y}, {"z", UpAxis::z}})
-      ->group("Mesh");
+         Choices<UpAxis>{{"y", UpAxis::y}, {"z", UpAxis::z}});
 }
 
 void SourceArguments::add_pictures_to(CLI::App& command) {
-  const char* group = "Pictures";
+  const OptionGroup group(command, "Pictures");
   choose(
       command.add_option("--depth-kind", pictures.depth,
                          "What the pictures' depths mean: distance along the axis (z) or from the\n"
@@ -117,146 +103,104 @@ void SourceArguments::add_pictures_to(CLI::App& command) {
       Choices<DepthKind>{{"z", DepthKind::z},
                          {"ray", DepthKind::ray},
                          {"inverse", DepthKind::inverse},
-                         {"none", DepthKind::none}})
-      ->group(group);
-  command
-      .add_option("--depth-scale", pictures.depth_scale,
-                  "World units of one unit in depth pictures, as 0.001")
-      ->check(kLength)
-      ->group(group)
-      ->capture_default_str();
-  command
-      .add_option("--holdout", pictures.holdout,
-                  "Leave out every N-th picture, from the first on, for `slf evaluate`")
-      ->check(CLI::Range(2, 1000000).description(""))
+                         {"none", DepthKind::none}});
+  add_number(command, "--depth-scale", pictures.depth_scale,
+             "World units of one unit in depth pictures, as 0.001", kLength);
+  add_number(command, "--holdout", pictures.holdout,
+             "Leave out every N-th picture, from the first on, for `slf evaluate`",
+             from_to(2, 1000000))
       ->type_name("N")
-      ->group(group);
-  command
-      .add_option("--voxels", pictures.voxels,
-                  "Voxels along an edge of the grid that holds the object's surface")
-      ->check(CLI::Range(32, 768).description(""))
-      ->group(group)
-      ->capture_default_str();
-  add_bytes(command, "--picture-memory", pictures.memory, "Memory limit for decoded pictures")
-      ->group(group);
+      ->default_str("");
+  add_number(command, "--voxels", pictures.voxels,
+             "Voxels along an edge of the grid that holds the object's surface", from_to(32, 768));
+  add_bytes(command, "--picture-memory", pictures.memory, "Memory limit for decoded pictures");
   choose(
       command.add_option("--background-model", pictures.keep_background,
                          "Of pictures without alpha or masks: drop what lies outside the sphere, "
                          "or\nkeep it, as if painted on the sphere's far side; default: drop"),
-      Choices<bool>{{"keep", true}, {"drop", false}})
-      ->group(group);
+      Choices<bool>{{"keep", true}, {"drop", false}});
   depth_cache = "";
-  command
-      .add_option("--depth-cache", depth_cache,
-                  "File that keeps estimated depths for the next run, or none; default: beside\n"
-                  "the pictures, as *.slf-depths")
-      ->type_name(kAnyFile)
-      ->group(group);
+  add_file(command, "--depth-cache", depth_cache,
+           "File that keeps estimated depths for the next run, or none; default: beside\n"
+           "the pictures, as *.slf-depths");
 }
 
 void SourceArguments::add_raw_to(CLI::App& command) {
-  const char* group = kVolumeGroup;
-  command
-      .add_flag("--labels", reading.labels,
-                "Voxels are labels: nearest sampling, a colour for each label")
-      ->group(group);
+  const OptionGroup group(command, kVolumeGroup);
+  command.add_flag("--labels", reading.labels,
+                   "Voxels are labels: nearest sampling, a colour for each label");
   auto* dims = add_numbers<std::uint32_t>(
                    command, "--dims", 3, 'x',
                    [this](const auto& sides) { std::ranges::copy(sides, raw.dims.begin()); },
                    "Raw files: voxels along x, y, z, as 128x128x84")
                    ->check(from_to(1, UINT32_MAX))
-                   ->type_name("NXxNYxNZ")
-                   ->group(group);
+                   ->type_name("NXxNYxNZ");
   choose(command.add_option("--type", raw.type, "Raw files: type of a voxel"), kScalarTypes)
       ->transform(CLI::Validator(shorten_type, ""))
       ->type_name("TYPE")
       ->needs(dims)
-      ->group(group)
       ->default_str("u8");
   add_numbers<double>(
       command, "--spacing", 3, 'x',
       [this](const auto& lengths) { reading.spacing = to_vector(lengths); },
       "Distance between voxels; default: what the file says, or 1")
       ->check(kLength)
-      ->type_name("DXxDYxDZ")
-      ->group(group);
-  command
-      .add_option("--component", reading.component,
-                  "Component of each voxel (RGB, channels) to read, from 0")
-      ->check(kNotNegative)
-      ->type_name("N")
-      ->group(group);
-  command.add_option("--time", reading.time, "Time point of a file or series to read, from 0")
-      ->check(kNotNegative)
-      ->type_name("N")
-      ->group(group);
+      ->type_name("DXxDYxDZ");
+  add_number(command, "--component", reading.component,
+             "Component of each voxel (RGB, channels) to read, from 0", kNotNegative)
+      ->type_name("N");
+  add_number(command, "--time", reading.time, "Time point of a file or series to read, from 0",
+             kNotNegative)
+      ->type_name("N");
   command
       .add_option("--array", reading.array,
                   "Array of a VTI file, or image of an OME-TIFF, to read: its name")
-      ->type_name("NAME")
-      ->group(group);
+      ->type_name("NAME");
   command
       .add_option("--series", reading.series,
                   "DICOM series of a folder to read: its number or UID, as `slf info` lists them")
-      ->type_name("ID")
-      ->group(group);
-  command
-      .add_flag("--resample", reading.resample,
-                "Resample DICOM slices that are not evenly spaced, to the smallest distance")
-      ->group(group);
+      ->type_name("ID");
+  command.add_flag("--resample", reading.resample,
+                   "Resample DICOM slices that are not evenly spaced, to the smallest distance");
   command
       .add_option_function<std::string>(
           "--crop", [this](const std::string& text) { reading.crop = parse_crop(text); },
           "Keep these voxels only: half-open ranges, as 10:200,:,50:")
-      ->type_name("X:X,Y:Y,Z:Z")
-      ->group(group);
+      ->type_name("X:X,Y:Y,Z:Z");
   choose(command.add_option("--endian", raw.big_endian, "Raw files: order of a voxel's bytes"),
          Choices<bool>{{"little", false}, {"big", true}})
       ->needs(dims)
-      ->group(group)
       ->default_str("little");
-  command.add_option("--offset", raw.offset, "Raw files: bytes before the first voxel")
-      ->check(kNotNegative)
-      ->needs(dims)
-      ->group(group)
-      ->capture_default_str();
+  add_number(command, "--offset", raw.offset, "Raw files: bytes before the first voxel",
+             kNotNegative)
+      ->needs(dims);
 }
 
 void SourceArguments::add_light_to(CLI::App& command) {
-  const char* group = "Light";
-  command
-      .add_option("--step", raycast.step,
-                  "Longest part of a ray that is one sample, in smallest voxel spacings; at most\n"
-                  "one cell of the volume")
-      ->check(above(0.01, 100))
-      ->group(group)
-      ->capture_default_str();
+  const OptionGroup group(command, "Light");
+  add_number(command, "--step", raycast.step,
+             "Longest part of a ray that is one sample, in smallest voxel spacings; at most\n"
+             "one cell of the volume",
+             above(0.01, 100));
   auto* projection =
       choose(command.add_option("--projection", raycast.projection,
                                 "Show one value of each ray, unlit: the greatest (mip), the least\n"
                                 "(minip) or the mean of those with opacity"),
              Choices<Projection>{{"mip", Projection::maximum},
                                  {"minip", Projection::minimum},
-                                 {"mean", Projection::mean}})
-          ->group(group);
+                                 {"mean", Projection::mean}});
   add_numbers<double>(
       command, "--light", 3, ',', [this](const auto& toward) { light = to_vector(toward); },
       "World direction towards the light (LPS); "
       "default: above, in front, to the patient's right")
       ->check(kPlace)
-      ->type_name(kVector)
-      ->group(group);
-  command
-      .add_option("--ambient", ambient,
-                  "Ambient share of the shading, 0 to 1; implies --lighting direct")
-      ->check(from_to(0, 1))
-      ->group(group)
+      ->type_name(kVector);
+  add_number(command, "--ambient", ambient,
+             "Ambient share of the shading, 0 to 1; implies --lighting direct", from_to(0, 1))
       ->default_str(fmt::format("{:g}", raycast.ambient));
-  command
-      .add_flag_callback(
-          "--no-shade", [this] { raycast.shade = false; },
-          "Colours as in the transfer function, unlit; implies --lighting direct")
-      ->group(group);
+  command.add_flag_callback(
+      "--no-shade", [this] { raycast.shade = false; },
+      "Colours as in the transfer function, unlit; implies --lighting direct");
   LightOptions& options = raycast.lighting;
   auto* mode =
       choose(command.add_option(
@@ -267,78 +211,50 @@ void SourceArguments::add_light_to(CLI::App& command) {
              Choices<Lighting>{{"direct", Lighting::direct},
                                {"shadowed", Lighting::shadowed},
                                {"global", Lighting::global}})
-          ->group(group)
           ->default_str("global");
   mode->excludes(projection);
   std::string names;
   for (const LightRig& rig : built_in_rigs()) names += (names.empty() ? "" : ", ") + rig.name;
-  command
-      .add_option("--light-rig", light_rig,
-                  "Lights and sky of shadowed and global light: " + names + ",\nor a JSON file")
-      ->type_name(kAnyFile)
-      ->group(group)
+  add_file(command, "--light-rig", light_rig,
+           "Lights and sky of shadowed and global light: " + names + ",\nor a JSON file")
       ->default_str(built_in_rigs().front().name);
   add_environment_to(command);
-  command
-      .add_option("--environment-gain", options.environment_gain,
-                  "Factor of the environment picture's radiance")
-      ->check(from_to(0, 1e6))
-      ->group(group)
-      ->capture_default_str();
-  command
-      .add_option("--light-samples", options.samples,
-                  "Paths of light per node of the light volume: more take longer and leave\n"
-                  "less noise")
-      ->check(CLI::Range(1, 65536).description(""))
-      ->group(group)
-      ->capture_default_str();
-  command
-      .add_option("--light-bounces", options.bounces,
-                  "Maximum number of scattering events of a path (global)")
-      ->check(CLI::Range(0, 1000).description(""))
-      ->group(group)
-      ->capture_default_str();
-  command
-      .add_option("--light-spacing", options.spacing,
-                  "Distance between nodes of the light volume, in voxels")
-      ->check(from_to(0.5, 16))
-      ->group(group)
-      ->capture_default_str();
+  add_number(command, "--environment-gain", options.environment_gain,
+             "Factor of the environment picture's radiance", from_to(0, 1e6));
+  add_number(command, "--light-samples", options.samples,
+             "Paths of light per node of the light volume: more take longer and leave\n"
+             "less noise",
+             from_to(1, 65536));
+  add_number(command, "--light-bounces", options.bounces,
+             "Maximum number of scattering events of a path (global)", from_to(0, 1000));
+  add_number(command, "--light-spacing", options.spacing,
+             "Distance between nodes of the light volume, in voxels", from_to(0.5, 16));
   add_bytes(command, "--light-memory", options.memory,
             "Memory limit for computing the light volume; if it does not suffice,\n"
-            "nodes are further apart")
-      ->group(group);
-  command.add_option("--light-seed", options.seed, "Random seed")
-      ->group(group)
-      ->capture_default_str();
+            "nodes are further apart");
+  command.add_option("--light-seed", options.seed, "Random seed");
   add_light_file_to(command);
-  add_tone(command, options.tone, group);
+  add_tone(command, options.tone, "Light");
 }
 
 void SourceArguments::add_light_file_to(CLI::App& command) {
-  command
-      .add_option("--light-file", light_volume.file,
-                  "Keep the light volume in this file, and read it from there if it is the same")
-      ->type_name(kAnyFile)
-      ->group("Light");
+  const OptionGroup group(command, "Light");
+  add_file(command, "--light-file", light_volume.file,
+           "Keep the light volume in this file, and read it from there if it is the same");
 }
 
 void SourceArguments::add_environment_to(CLI::App& command) {
-  command
-      .add_option("--environment", environment,
-                  "Picture that surrounds the volume instead of the rig's sky: latitude-longitude\n"
-                  "OpenEXR or Radiance HDR, up being +z and the middle the front")
-      ->type_name(kAnyFile)
-      ->group("Light");
+  const OptionGroup group(command, "Light");
+  add_file(command, "--environment", environment,
+           "Picture that surrounds the volume instead of the rig's sky: latitude-longitude\n"
+           "OpenEXR or Radiance HDR, up being +z and the middle the front");
 }
 
 void SourceArguments::add_reference_to(CLI::App& command) {
   auto* flag = command.add_flag("--reference", reference,
                                 "Path tracing instead of the light volume: unbiased, slow");
-  command.add_option("--samples", paths.samples, "Paths per ray")
-      ->check(CLI::Range(1, 1 << 24).description(""))
-      ->needs(flag)
-      ->capture_default_str();
+  add_number(command, "--samples", paths.samples, "Paths per ray", from_to(1, 1 << 24))
+      ->needs(flag);
 }
 
 }  // namespace slf::cli

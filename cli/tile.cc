@@ -83,12 +83,9 @@ its section. .raw has the samples as FORMAT.md orders them: picture by picture, 
       ->type_name("TILE")
       ->required();
   command->add_option("--channel", a->channel, "color, or depth as gray")
-      ->check(CLI::IsMember({"color", "depth"}))
-      ->capture_default_str();
-  command
-      ->add_option("-o,--output", a->output,
-                   "File to write: .png, .exr or .raw; -: stdout, as --format says")
-      ->type_name(kAnyFile)
+      ->check(CLI::IsMember({"color", "depth"}));
+  add_file(*command, "-o,--output", a->output,
+           "File to write: .png, .exr or .raw; -: stdout, as --format says")
       ->required();
   command->add_option("--format", a->format, "Default: the ending of the output; raw on stdout")
       ->check(CLI::IsMember({"png", "exr", "raw"}));

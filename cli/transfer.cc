@@ -1,7 +1,6 @@
 #include <fmt/format.h>
 
 #include <cmath>
-#include <span>
 
 #include "base/file.h"
 #include "base/try.h"
@@ -130,10 +129,8 @@ void add_transfer(CLI::App& app, Run& run) {
   auto a = std::make_shared<TransferArguments>();
   command->add_option("NAME", a->reference, kTransferHelp);
   command->add_flag("--list", a->list, "The built-in functions, or those of a file");
-  command
-      ->add_option("-o,--output", a->output,
-                   "A picture of it (.png, .jpg, .exr), or ParaView's preset JSON (.json)")
-      ->type_name(kAnyFile);
+  add_file(*command, "-o,--output", a->output,
+           "A picture of it (.png, .jpg, .exr), or ParaView's preset JSON (.json)");
   command->add_flag("-f,--force", a->force, "Overwrite the output");
   command->add_flag("--json", a->json, "JSON on stdout");
   command->callback([a, &run] { run = [a] { return run_transfer(*a); }; });

@@ -59,7 +59,6 @@ Result<void> run_view(const ViewArguments& arguments) {
 struct ExportArguments {
   std::string field, output;
   RepackOptions repack;
-  std::optional<unsigned> levels;
   std::uint64_t max_size = 0;  // 0: any
   bool force = false, json = false;
 
@@ -71,7 +70,6 @@ struct ExportArguments {
 Result<std::optional<Field>> repack_if_requested(const ExportArguments& a, const Field& field,
                                                  const std::string& path) {
   RepackOptions options = a.repack;
-  options.levels = a.levels;
   options.light = false;  // views do not need it
   const bool limited = a.max_size > 0, one_file = view::is_page_name(a.output);
   const std::uint64_t room = view::room_for_field(a.max_size, one_file);
@@ -79,13 +77,13 @@ Result<std::optional<Field>> repack_if_requested(const ExportArguments& a, const
     return fail(ErrorCode::usage, "--max-size: the page alone is larger; allow 1MiB or more");
   const auto light = field.light();
   const bool has_light = !light || !light->empty();
-  const bool as_it_is = !has_light && !a.levels && options.codec.empty() && options.depth;
+  const bool as_it_is = !has_light && !options.levels && options.codec.empty() && options.depth;
   // In a folder, a field without an index gets one and so becomes larger; a repacked one has it.
   const bool fits = !limited || (one_file && field.file_bytes() <= room);
   if (as_it_is && fits) return std::nullopt;
   std::error_code ignored;
   if (std::filesystem::exists(std::filesystem::symlink_status(path, ignored)))
-    return fail(ErrorCode::usage, path, ": exists; move or remove it: the export needs its name");
+    return misuse(path, "exists; move or remove it: the export needs its name");
   const auto bar = progress_bar("export", "tiles", OnSignal::stop);
   SLF_TRY(limited ? view::repack_to_fit(field, path, options, room, bar)
                   : repack_field(field, path, options, bar));
@@ -107,7 +105,7 @@ Result<void> run_export(const ExportArguments& a) {
   if (a.json)
     print_json({{"output", a.output}, {"field_bytes", bytes}, {"level", exported.shape().levels}});
   else
-    print("{}: a field of {}, finest level {}\n", a.output, human_bytes(static_cast<double>(bytes)),
+    print("{}: a field of {}, finest level {}\n", a.output, human_bytes(bytes),
           exported.shape().levels);
   return {};
 }
@@ -117,9 +115,8 @@ Result<void> run_export(const ExportArguments& a) {
 void add_view(CLI::App& app, Run& run) {
   auto* command = app.add_subcommand("view", "Show fields in a browser");
   auto a = std::make_shared<ViewArguments>();
-  command->add_option("FIELD", a->fields, "Fields to show")->type_name(kFieldFile)->required();
-  command->add_option("--port", a->port, "Port to listen on; 0: any free one")
-      ->capture_default_str();
+  add_file(*command, "FIELD", a->fields, "Fields to show", kFieldFile)->required();
+  command->add_option("--port", a->port, "Port to listen on; 0: any free one");
   command->add_option(
       "--bind", a->bind,
       "Listen on this address, for other machines too, and answer to any host name\n"
@@ -139,14 +136,12 @@ void add_view(CLI::App& app, Run& run) {
 void add_export(CLI::App& app, Run& run) {
   auto* command = app.add_subcommand("export", "Write a page that shows a field");
   auto a = std::make_shared<ExportArguments>();
-  command->add_option("FIELD", a->field, "Field to show")->type_name(kFieldFile)->required();
-  command
-      ->add_option("-o,--output", a->output,
-                   "NAME.html or NAME.htm: one file, which opens offline;\n"
-                   "otherwise a folder for any host of static files")
-      ->type_name(kAnyFile)
+  add_file(*command, "FIELD", a->field, "Field to show", kFieldFile)->required();
+  add_file(*command, "-o,--output", a->output,
+           "NAME.html or NAME.htm: one file, which opens offline;\n"
+           "otherwise a folder for any host of static files")
       ->required();
-  command->add_option("--levels", a->levels, "The finest level to keep");
+  command->add_option("--levels", a->repack.levels, "The finest level to keep");
   command->add_option("--codec", a->repack.codec, "As in slf repack")->type_name(kCodec);
   add_no_depth(*command, a->repack.depth, "As in slf repack");
   add_bytes(*command, "--max-size", a->max_size,

@@ -2,7 +2,6 @@
 
 #include <unistd.h>
 
-#include <algorithm>
 #include <array>
 #include <span>
 #include <vector>
@@ -54,8 +53,8 @@ Result<RepackReport> repack_to_fit(const Field& field, const std::string& path,
   auto report = repack_field(field, path, all.back(), progress);
   if (!report || report->file_bytes <= max_bytes) return report;
   ::unlink(path.c_str());
-  return fail(ErrorCode::usage, field.path(), ": does not get smaller than ", report->file_bytes,
-              " bytes; there is room for ", max_bytes);
+  return misuse(field.path(), "does not get smaller than ", report->file_bytes,
+                " bytes; there is room for ", max_bytes);
 }
 
 }  // namespace slf::view

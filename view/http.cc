@@ -16,8 +16,8 @@
 #include <list>
 #include <memory>
 
+#include "base/ascii.h"
 #include "base/guarded.h"
-#include "base/lower_case.h"
 
 namespace slf::view {
 namespace {
@@ -40,14 +40,14 @@ std::string_view take_until(std::string_view& text, std::string_view end) {
 }
 
 bool is_name(std::string_view text) {
-  return !text.empty() && std::all_of(text.begin(), text.end(), [](char c) {
+  return !text.empty() && std::ranges::all_of(text, [](char c) {
     return (c >= '0' && c <= '9') || (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') ||
            (c != '\0' && std::strchr(kTokens, c) != nullptr);
   });
 }
 
 bool has_controls(std::string_view line) {
-  return std::any_of(line.begin(), line.end(), [](char c) {
+  return std::ranges::any_of(line, [](char c) {
     return (static_cast<unsigned char>(c) < ' ' && c != '\t') || c == '\x7f';
   });
 }
@@ -179,8 +179,8 @@ class Connection {
 }  // namespace
 
 std::size_t Request::count(std::string_view name) const {
-  return static_cast<std::size_t>(std::count_if(
-      headers.begin(), headers.end(), [&](const auto& header) { return header.first == name; }));
+  return static_cast<std::size_t>(
+      std::ranges::count_if(headers, [&](const auto& header) { return header.first == name; }));
 }
 
 std::string_view Request::header(std::string_view name) const {
@@ -206,12 +206,9 @@ std::optional<Request> parse_request(std::string_view head) {
     if (has_controls(value) || value.find(':') == std::string_view::npos) return std::nullopt;
     const std::string_view name = take_until(value, ":");
     if (!is_name(name)) return std::nullopt;
-    constexpr std::string_view kSpace = " \t";
-    value.remove_prefix(std::min(value.find_first_not_of(kSpace), value.size()));
-    value = value.substr(0, value.find_last_not_of(kSpace) + 1);
-    request.headers.emplace_back(lower_case(std::string(name)), value);
+    request.headers.emplace_back(lower_case(name), trim(value));
     if (request.headers.back().first == "connection" &&
-        lower_case(std::string(value)).find("close") != std::string::npos)
+        lower_case(value).find("close") != std::string::npos)
       request.keeps = false;
   }
   return request;
@@ -256,8 +253,8 @@ Result<void> HttpServer::run(const Answer& answer, const std::function<bool()>& 
     std::list<Connection> connections;
     std::vector<pollfd> polled;
     const auto give_up_one = [&] {
-      connections.erase(std::min_element(
-          connections.begin(), connections.end(),
+      connections.erase(std::ranges::min_element(
+          connections,
           [](const Connection& a, const Connection& b) { return a.worth() < b.worth(); }));
     };
     while (!stop()) {

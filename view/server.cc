@@ -13,7 +13,6 @@
 #include <array>
 #include <cstdio>
 #include <filesystem>
-#include <memory>
 #include <optional>
 #include <utility>
 
@@ -28,9 +27,8 @@ namespace {
 
 /// Who may show the page in a frame comes last.
 constexpr const char* kPolicy =
-    "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; style-src 'self'; "
-    "img-src 'self' blob: data:; connect-src 'self'; worker-src 'self'; base-uri 'none'; "
-    "form-action 'none'";
+    "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; style-src 'self'; img-src 'self' "
+    "blob: data:; connect-src 'self'; worker-src 'self'; base-uri 'none'; form-action 'none'";
 /// Notebooks on this machine; http stands for https, too.
 constexpr const char* kFrames = "; frame-ancestors 'self' http://localhost:* http://127.0.0.1:*";
 
@@ -42,66 +40,33 @@ struct Content {
   Response::Read read;
 };
 
-/// A field that is served from its file. Each request opens the file that has its name now.
-class ServedField {
- public:
-  /// Checks that the file is a field. Errors as Field::open().
-  static Result<ServedField> make(const std::string& path) {
-    SLF_TRY(Field::open(path));
-    return ServedField(path);
-  }
-
+struct ServedField {
   std::string name;  ///< its folder
-
-  /// The current content; none if it cannot be read.
-  [[nodiscard]] std::optional<Content> content() const;
-
- private:
-  explicit ServedField(std::string path) : path_(std::move(path)) {}
-  std::string path_;
+  std::string path;
 };
 
-/// A file that is open for reading.
-class OpenFile {
- public:
-  explicit OpenFile(const std::string& path)
-      : file_(::open(path.c_str(), O_RDONLY | O_NONBLOCK | O_CLOEXEC)) {}
-  OpenFile(const OpenFile&) = delete;
-  OpenFile& operator=(const OpenFile&) = delete;
-  ~OpenFile() {
-    if (file_ >= 0) ::close(file_);
-  }
-
-  /// The size and entity tag. Returns false if the file cannot be read.
-  bool state(std::uint64_t& size, std::string& tag) const {
-    struct stat status = {};
-    if (file_ < 0 || fstat(file_, &status) != 0 || !S_ISREG(status.st_mode)) return false;
-    size = static_cast<std::uint64_t>(status.st_size);
-    std::array<char, 100> text;
-    std::snprintf(text.data(), text.size(), "\"%llx-%llx-%llx-%lx\"",
-                  static_cast<unsigned long long>(status.st_ino),
-                  static_cast<unsigned long long>(status.st_size),
-                  static_cast<unsigned long long>(status.st_mtim.tv_sec), status.st_mtim.tv_nsec);
-    tag = text.data();
-    return true;
-  }
-
-  [[nodiscard]] std::size_t read(std::uint64_t offset, std::span<char> to) const {
-    const ssize_t got = pread(file_, to.data(), to.size(), static_cast<off_t>(offset));
-    return got < 0 ? 0 : static_cast<std::size_t>(got);
-  }
-
- private:
-  const int file_;
-};
-
-std::optional<Content> ServedField::content() const {
-  const auto file = std::make_shared<OpenFile>(path_);
-  Content content;
-  if (!file->state(content.size, content.tag) || content.size == 0) return std::nullopt;
-  content.type = "application/octet-stream";
-  content.read = [file](auto offset, auto to) { return file->read(offset, to); };
-  return content;
+/// The current content of a field; none if it cannot be read. Each request opens the file that has
+/// its name now.
+std::optional<Content> content_of(const ServedField& field) {
+  const std::shared_ptr<const int> file(
+      new int(::open(field.path.c_str(), O_RDONLY | O_NONBLOCK | O_CLOEXEC)), [](const int* fd) {
+        if (*fd >= 0) ::close(*fd);
+        delete fd;
+      });
+  struct stat status = {};
+  if (*file < 0 || fstat(*file, &status) != 0 || !S_ISREG(status.st_mode) || status.st_size == 0)
+    return std::nullopt;
+  std::array<char, 100> tag;
+  std::snprintf(tag.data(), tag.size(), "\"%llx-%llx-%llx-%lx\"",
+                static_cast<unsigned long long>(status.st_ino),
+                static_cast<unsigned long long>(status.st_size),
+                static_cast<unsigned long long>(status.st_mtim.tv_sec), status.st_mtim.tv_nsec);
+  return Content{static_cast<std::uint64_t>(status.st_size), tag.data(), "application/octet-stream",
+                 [file](std::uint64_t offset, std::span<char> to) -> std::size_t {
+                   const ssize_t got =
+                       pread(*file, to.data(), to.size(), static_cast<off_t>(offset));
+                   return got < 0 ? 0 : static_cast<std::size_t>(got);
+                 }};
 }
 
 /// A field's name as part of an address: letters, digits, '.', '-' and '_'.
@@ -269,7 +234,8 @@ void Server::State::choose(const Request& request, Response& response) const {
     if (!request.path.starts_with(folder + "/")) continue;
     const std::string_view name = std::string_view(request.path).substr(folder.size() + 1);
     if (name == "field.slf") {
-      if (const auto content = field.content()) return answer_content(request, response, *content);
+      if (const auto content = content_of(field))
+        return answer_content(request, response, *content);
       return answer_text(response, 500, "The field cannot be read.");
     }
     for (const PageFile& file : page_files()) {
@@ -282,8 +248,8 @@ void Server::State::choose(const Request& request, Response& response) const {
 
 void Server::State::answer_list(Response& response) const {
   std::string html =
-      "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><title>Fields</title>"
-      "<h1>Fields</h1><ul>";
+      "<!doctype html><html lang=\"en\"><meta "
+      "charset=\"utf-8\"><title>Fields</title><h1>Fields</h1><ul>";
   for (const ServedField& field : fields)  // names need no escaping in HTML
     html += "<li><a href=\"" + field.name + "/\">" + field.name + "</a></li>";
   response.set("Content-Type", "text/html; charset=utf-8");
@@ -301,12 +267,11 @@ Result<Server> Server::make(std::span<const std::string> fields, const ServerOpt
   if (fields.empty()) return fail(ErrorCode::usage, "view: name at least one field");
   auto state = std::make_unique<State>();
   for (const std::string& path : fields) {
-    auto field = SLF_TRY(ServedField::make(path));
+    SLF_TRY(Field::open(path));
     const std::string name = folder_name(path);
-    field.name = name;
-    for (int copy = 2;
-         std::any_of(state->fields.begin(), state->fields.end(),
-                     [&](const ServedField& other) { return other.name == field.name; });
+    ServedField field{name, path};
+    for (int copy = 2; std::ranges::any_of(
+             state->fields, [&](const ServedField& other) { return other.name == field.name; });
          ++copy)
       field.name = name + "-" + std::to_string(copy);
     state->fields.push_back(std::move(field));
@@ -318,8 +283,7 @@ Result<Server> Server::make(std::span<const std::string> fields, const ServerOpt
 
   for (const std::string& origin : options.frames) {
     if (!is_origin(origin))
-      return fail(ErrorCode::usage, origin,
-                  ": not an origin such as https://notebooks.example.org");
+      return misuse(origin, "not an origin such as https://notebooks.example.org");
     state->frames += " " + origin;
   }
   const auto port = SLF_TRY(state->http.bind(options.address, options.port));

@@ -7,7 +7,6 @@
 #include <utility>
 
 #include "base/bytes.h"
-#include "base/file.h"
 #include "base/reporter.h"
 #include "base/try.h"
 #include "field/write/field_index.h"
@@ -69,8 +68,8 @@ Result<void> export_page(const std::string& field, const std::string& input,
                          const std::string& output, const ProgressCallback& progress) {
   const auto size = SLF_TRY(field_size(field));
   if (size > kMaxEmbeddedBytes)
-    return fail(ErrorCode::unsupported, input, ": ", size, " bytes are too many for one page; ",
-                "export to a folder, or make it smaller with slf repack");
+    return unsupported(input, size, " bytes are too many for one page; ",
+                       "export to a folder, or make it smaller with slf repack");
   const auto bytes = SLF_TRY(read_file(field, kMaxEmbeddedBytes));
   const std::string_view content(reinterpret_cast<const char*>(bytes.data()), bytes.size());
 

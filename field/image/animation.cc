@@ -45,16 +45,16 @@ Result<void> AnimationWriter::add(const Image& image, const glm::vec3& backgroun
   State& s = *state_;
   if (!s.encoder) {
     if (image.width > WEBP_MAX_DIMENSION || image.height > WEBP_MAX_DIMENSION)
-      return fail(ErrorCode::usage, s.path, ": ", image.width, "x", image.height,
-                  " pixels; an animation takes at most ", WEBP_MAX_DIMENSION, " along a side");
+      return misuse(s.path, image.width, "x", image.height, " pixels; an animation takes at most ",
+                    WEBP_MAX_DIMENSION, " along a side");
     s.width = image.width;
     s.height = image.height;
     s.encoder.reset(
         WebPAnimEncoderNew(static_cast<int>(s.width), static_cast<int>(s.height), nullptr));
   }
   if (!s.encoder || image.width != s.width || image.height != s.height)
-    return fail(ErrorCode::usage, s.path, ": a picture of ", image.width, "x", image.height,
-                " does not fit an animation of ", s.width, "x", s.height);
+    return misuse(s.path, "a picture of ", image.width, "x", image.height,
+                  " does not fit an animation of ", s.width, "x", s.height);
   const std::vector<std::uint8_t> rgb = to_rgb8(image, background);
   WebPPicture picture;
   WebPPictureInit(&picture);

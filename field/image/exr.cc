@@ -116,21 +116,21 @@ Result<void> check_blocks(const std::string& name, const Imf::Header& header,
   for (auto c = header.channels().begin(); c != header.channels().end(); ++c) ++channels;
 
   if (block_pixels * std::max<std::uint64_t>(channels, 1) > kMaxBlockBytes / sizeof(float))
-    return fail(ErrorCode::unsupported, name, ": one block of its ", channels,
-                " channels could take more than ", kMaxBlockBytes, " bytes");
+    return unsupported(name, "one block of its ", channels, " channels could take more than ",
+                       kMaxBlockBytes, " bytes");
   if (blocks * sizeof(std::uint64_t) > file_bytes)
-    return fail(ErrorCode::bad_file, name, ": damaged OpenEXR: ", file_bytes,
-                " bytes cannot hold the ", blocks, " blocks it claims");
+    return bad_file(name, "damaged OpenEXR: ", file_bytes, " bytes cannot hold the ", blocks,
+                    " blocks it claims");
   return {};
 }
 
 /// Refuses files whose header alone shows that they cannot be read.
 Result<void> check_header(const std::string& name, ByteSpan bytes) {
   if (bytes.size() < kMagicAndVersion || !attributes_fit(bytes))
-    return fail(ErrorCode::bad_file, name, ": OpenEXR ends inside its header");
+    return bad_file(name, "OpenEXR ends inside its header");
   int version = static_cast<int>(load_le<std::uint32_t>(&bytes[4]));
   if (Imf::isMultiPart(version) || Imf::isNonImage(version))
-    return fail(ErrorCode::unsupported, name, ": OpenEXR of several parts or deep pixels");
+    return unsupported(name, "OpenEXR of several parts or deep pixels");
 
   MemoryInput stream(bytes);
   stream.seekg(kMagicAndVersion);
@@ -143,11 +143,11 @@ Result<void> check_header(const std::string& name, ByteSpan bytes) {
 
   const Imf::ChannelList& channels = header.channels();
   if (channels.findChannel("RY") != nullptr || channels.findChannel("BY") != nullptr)
-    return fail(ErrorCode::unsupported, name, ": OpenEXR with luminance-chroma channels");
+    return unsupported(name, "OpenEXR with luminance-chroma channels");
   for (const char* wanted : {"R", "G", "B", "Y", "A", "Z"}) {
     const Imf::Channel* channel = channels.findChannel(wanted);
     if (channel != nullptr && (channel->xSampling != 1 || channel->ySampling != 1))
-      return fail(ErrorCode::unsupported, name, ": OpenEXR with subsampled channel ", wanted);
+      return unsupported(name, "OpenEXR with subsampled channel ", wanted);
   }
   return {};
 }
@@ -244,7 +244,7 @@ Result<Image> decode_exr(const std::string& name, ByteSpan bytes) try {
   Imf::InputFile file(stream, /*numThreads=*/0);
   return crop(read_data_window(file), file.header().dataWindow(), file.header().displayWindow());
 } catch (const std::exception& error) {
-  return fail(ErrorCode::bad_file, name, ": damaged OpenEXR: ", error.what());
+  return bad_file(name, "damaged OpenEXR: ", error.what());
 }
 
 }  // namespace slf::image_formats

@@ -18,8 +18,7 @@ using Row = std::vector<std::array<std::uint8_t, 4>>;  // red, green, blue, expo
 /// Reads forward through a picture; every function fails at its end.
 class Reader {
  public:
-  explicit Reader(ByteSpan bytes)
-      : text_(reinterpret_cast<const char*>(bytes.data()), bytes.size()) {}
+  explicit Reader(ByteSpan bytes) : text_(chars_of(bytes)) {}
 
   std::optional<std::string_view> line() {
     const std::size_t end = text_.find('\n');
@@ -98,17 +97,14 @@ Result<Image> decode_hdr(const std::string& name, ByteSpan bytes) {
   Reader in(bytes);
   for (;;) {
     const auto line = in.line();
-    if (!line) return fail(ErrorCode::bad_file, name, ": the header of the HDR picture ends early");
+    if (!line) return bad_file(name, "the header of the HDR picture ends early");
     if (line->empty()) break;
     if (line->starts_with("FORMAT=") && *line != "FORMAT=32-bit_rle_rgbe")
-      return fail(ErrorCode::unsupported, name, ": HDR pictures are read in RGBE only, found ",
-                  line->substr(0, 40));
+      return unsupported(name, "HDR pictures are read in RGBE only, found ", line->substr(0, 40));
   }
   const auto size_line = in.line();
   const auto size = size_line ? parse_size(*size_line) : std::nullopt;
-  if (!size)
-    return fail(ErrorCode::bad_file, name,
-                ": the size of the HDR picture: expected \"-Y HEIGHT +X WIDTH\"");
+  if (!size) return bad_file(name, "the size of the HDR picture: expected \"-Y HEIGHT +X WIDTH\"");
   const auto [height, width] = *size;
   SLF_TRY(check_size(name, width, height));
   Image image;
@@ -118,8 +114,8 @@ Result<Image> decode_hdr(const std::string& name, ByteSpan bytes) {
   for (std::uint32_t y = 0; y < image.height; ++y) {
     // Memory grows with the pixels that were read, whatever size the file claims.
     if (!in.row(row))
-      return fail(ErrorCode::bad_file, name, ": row ", y, " of ", image.height,
-                  " of the HDR picture is damaged or missing");
+      return bad_file(name, "row ", y, " of ", image.height,
+                      " of the HDR picture is damaged or missing");
     for (const auto& p : row) {
       const float unit = p[3] == 0 ? 0 : std::ldexp(1.f, p[3] - 136);
       image.rgba.emplace_back(unit * p[0], unit * p[1], unit * p[2], 1);

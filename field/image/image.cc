@@ -1,15 +1,13 @@
 #include "slf/image.h"
 
-#include <algorithm>
-#include <cctype>
 #include <cstring>
 #include <filesystem>
 #include <string_view>
 #include <utility>
 
+#include "base/ascii.h"
 #include "base/file.h"
 #include "base/half.h"
-#include "base/lower_case.h"
 #include "base/try.h"
 #include "field/image/formats.h"
 
@@ -17,12 +15,10 @@ namespace slf {
 namespace image_formats {
 
 Result<void> check_size(const std::string& name, std::uint64_t width, std::uint64_t height) {
-  if (width == 0 || height == 0)
-    return fail(ErrorCode::bad_file, name, ": has no pixels (", width, "x", height, ")");
+  if (width == 0 || height == 0) return bad_file(name, "has no pixels (", width, "x", height, ")");
   if (width > kMaxSide || height > kMaxSide || width * height > kMaxPixels)
-    return fail(ErrorCode::unsupported, name, ": claims ", width, "x", height,
-                " pixels; pictures are read up to ", kMaxSide, " on a side and ", kMaxPixels,
-                " in all");
+    return unsupported(name, "claims ", width, "x", height, " pixels; pictures are read up to ",
+                       kMaxSide, " on a side and ", kMaxPixels, " in all");
   return {};
 }
 
@@ -43,8 +39,7 @@ Result<Decoder> decoder_for(const std::string& name, ByteSpan start) {
                                        {{"MM\0+", 4}, decode_tiff}})
     if (start.size() >= magic.size() && std::memcmp(start.data(), magic.data(), magic.size()) == 0)
       return decoder;
-  return fail(ErrorCode::bad_file, name,
-              ": not a PNG, JPEG, TIFF, OpenEXR or Radiance HDR picture");
+  return bad_file(name, "not a PNG, JPEG, TIFF, OpenEXR or Radiance HDR picture");
 }
 
 }  // namespace
@@ -67,10 +62,10 @@ std::string lower_extension(const std::string& path) {
 
 Result<void> check_pixels(const std::string& path, const Image& image) {
   const std::size_t expected = std::size_t{image.width} * image.height;
-  if (expected == 0) return fail(ErrorCode::usage, path, ": the picture has no pixels");
+  if (expected == 0) return misuse(path, "the picture has no pixels");
   if (image.rgba.size() != expected || (!image.depth.empty() && image.depth.size() != expected))
-    return fail(ErrorCode::usage, path, ": a picture of ", image.width, "x", image.height, " has ",
-                image.rgba.size(), " colours and ", image.depth.size(), " depths");
+    return misuse(path, "a picture of ", image.width, "x", image.height, " has ", image.rgba.size(),
+                  " colours and ", image.depth.size(), " depths");
   return {};
 }
 
@@ -94,8 +89,7 @@ Result<Bytes> encode_image(const std::string& path, const Image& image,
   if (extension == ".jpg" || extension == ".jpeg")
     return image_formats::encode_jpeg(path, image, options);
   if (extension == ".exr") return image_formats::encode_exr(path, image);
-  return fail(ErrorCode::usage, path, ": unknown kind of picture '", extension,
-              "'; use .png, .jpg or .exr");
+  return misuse(path, "unknown kind of picture '", extension, "'; use .png, .jpg or .exr");
 }
 
 Result<void> write_image(const std::string& path, const Image& image,

@@ -8,7 +8,6 @@
 #include <algorithm>
 #include <csetjmp>
 #include <cstdlib>
-#include <memory>
 
 #include "base/try.h"
 #include "field/image/formats.h"
@@ -153,7 +152,7 @@ Result<JpegSamples> decode_jpeg_samples(const std::string& name, ByteSpan bytes)
   decompressor.jpeg.err = decompressor.errors.install();
   decompressor.jpeg.client_data = &decompressor.errors;
   const auto damaged = [&] {
-    return fail(ErrorCode::bad_file, name, ": damaged JPEG: ", decompressor.errors.message());
+    return bad_file(name, "damaged JPEG: ", decompressor.errors.message());
   };
   if (!decompressor.errors.run([&] { decompressor.read_header(bytes); })) return damaged();
 
@@ -162,10 +161,10 @@ Result<JpegSamples> decode_jpeg_samples(const std::string& name, ByteSpan bytes)
   // A block of 8x8 pixels takes a bit or more, unless it is coded arithmetically.
   constexpr std::uint64_t kMaxPixelsPerByte = 8192;
   if (std::uint64_t{jpeg.image_width} * jpeg.image_height > bytes.size() * kMaxPixelsPerByte)
-    return fail(ErrorCode::bad_file, name, ": damaged JPEG: ", jpeg.image_width, "x",
-                jpeg.image_height, " pixels cannot be in ", bytes.size(), " bytes");
+    return bad_file(name, "damaged JPEG: ", jpeg.image_width, "x", jpeg.image_height,
+                    " pixels cannot be in ", bytes.size(), " bytes");
   if (jpeg.jpeg_color_space == JCS_CMYK || jpeg.jpeg_color_space == JCS_YCCK)
-    return fail(ErrorCode::unsupported, name, ": JPEG in CMYK; only grey and colour are read");
+    return unsupported(name, "JPEG in CMYK; only grey and colour are read");
 
   JpegSamples image{
       jpeg.image_width, jpeg.image_height, jpeg.jpeg_color_space == JCS_GRAYSCALE ? 1u : 3u, {}};

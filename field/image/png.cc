@@ -3,7 +3,6 @@
 #include <png.h>
 
 #include <cstring>
-#include <string_view>
 
 #include "base/half.h"
 #include "base/try.h"
@@ -73,10 +72,10 @@ Result<Image> decode_png(const std::string& name, ByteSpan bytes) {
 }
 
 Result<Image> decode_straight_png(const std::string& name, ByteSpan bytes) {
-  if (!reaches_end(bytes)) return fail(ErrorCode::bad_file, name, ": PNG is truncated");
+  if (!reaches_end(bytes)) return bad_file(name, "PNG is truncated");
   PngImage png;
   if (png_image_begin_read_from_memory(&png, bytes.data(), bytes.size()) == 0)
-    return fail(ErrorCode::bad_file, name, ": damaged PNG: ", png.message);
+    return bad_file(name, "damaged PNG: ", png.message);
   SLF_TRY(check_size(name, png.width, png.height));
 
   // Treat 16 bits without a stated gamma as sRGB, like 8 bits.
@@ -84,7 +83,7 @@ Result<Image> decode_straight_png(const std::string& name, ByteSpan bytes) {
   png.format = PNG_FORMAT_RGBA;
   std::vector<std::uint8_t> pixels(PNG_IMAGE_SIZE(png));
   if (png_image_finish_read(&png, nullptr, pixels.data(), 0, nullptr) == 0)
-    return fail(ErrorCode::bad_file, name, ": damaged PNG: ", png.message);
+    return bad_file(name, "damaged PNG: ", png.message);
 
   Image image{png.width, png.height, {}, {}};
   image.rgba.reserve(pixels.size() / 4);

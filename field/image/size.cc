@@ -1,5 +1,4 @@
 // The sizes of PNG, JPEG and TIFF pictures from their headers. Other formats are decoded.
-#include <array>
 #include <cstring>
 #include <optional>
 
@@ -45,8 +44,7 @@ Result<ImageSize> read_image_size(const std::string& path) {
       SLF_TRY(check_size(path, size->width, size->height));
       return *size;
     }
-  if (looks_like_tiff({reinterpret_cast<const char*>(head.data()), head.size()}))
-    return tiff_size(path);
+  if (looks_like_tiff(chars_of(head))) return tiff_size(path);
   const auto image = SLF_TRY(read_image(path));
   return ImageSize{image.width, image.height};
 }

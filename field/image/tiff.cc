@@ -32,8 +32,8 @@ Result<Layout> layout_of(const TiffFile& file) {
   const auto bits = short_tag(TIFFTAG_BITSPERSAMPLE, 1);
   const auto format = short_tag(TIFFTAG_SAMPLEFORMAT, SAMPLEFORMAT_UINT);
   if ((bits != 8 && bits != 16) || (format != SAMPLEFORMAT_UINT && format != SAMPLEFORMAT_VOID))
-    return fail(ErrorCode::unsupported, file.path, ": TIFF with samples of ", bits,
-                " bits, format ", format, "; pictures are read with 8 or 16 bits without sign");
+    return unsupported(file.path, "TIFF with samples of ", bits, " bits, format ", format,
+                       "; pictures are read with 8 or 16 bits without sign");
   layout.wide = bits == 16;
   std::uint16_t kind = 0;
   const bool stated = TIFFGetField(file.tiff.get(), TIFFTAG_PHOTOMETRIC, &kind) != 0;
@@ -44,12 +44,12 @@ Result<Layout> layout_of(const TiffFile& file) {
   layout.colored = kind == PHOTOMETRIC_RGB || ycbcr;
   layout.inverted = kind == PHOTOMETRIC_MINISWHITE;
   if (!layout.colored && !layout.inverted && kind != PHOTOMETRIC_MINISBLACK)
-    return fail(ErrorCode::unsupported, file.path, ": TIFF with colours of kind ", kind,
-                "; pictures are read as grey or RGB");
+    return unsupported(file.path, "TIFF with colours of kind ", kind,
+                       "; pictures are read as grey or RGB");
   const std::uint32_t colors = layout.colored ? 3 : 1;
   if (layout.samples < colors || layout.samples > 64)
-    return fail(ErrorCode::bad_file, file.path, ": TIFF with ", layout.samples,
-                " samples for a pixel; expected ", colors, ", and alpha");
+    return bad_file(file.path, "TIFF with ", layout.samples, " samples for a pixel; expected ",
+                    colors, ", and alpha");
   std::uint16_t extra = 0;
   std::uint16_t* meanings = nullptr;
   if (layout.samples > colors &&
@@ -64,7 +64,7 @@ Result<Layout> layout_of(const TiffFile& file) {
 Result<Layout> find_picture(TiffFile& file) {
   while (file.is_thumbnail()) {
     const bool another = SLF_TRY(file.next());
-    if (!another) return fail(ErrorCode::bad_file, file.path, ": TIFF without a picture");
+    if (!another) return bad_file(file.path, "TIFF without a picture");
   }
   return layout_of(file);
 }

@@ -1,7 +1,9 @@
 #include "field/image/tiff_file.h"
 
+#include <sys/mman.h>
+#include <unistd.h>
+
 #include <algorithm>
-#include <array>
 #include <cstdarg>
 #include <cstdio>
 #include <cstring>
@@ -45,37 +47,11 @@ Options options_for(TiffFile& file) {
   return options;
 }
 
-tmsize_t read_memory(thandle_t handle, void* to, tmsize_t size) {
-  auto& memory = *static_cast<TiffFile::Memory*>(handle);
-  if (size <= 0 || memory.at >= memory.bytes.size()) return 0;
-  const auto count =
-      std::min<std::uint64_t>(static_cast<std::uint64_t>(size), memory.bytes.size() - memory.at);
-  std::memcpy(to, memory.bytes.data() + memory.at, count);
-  memory.at += count;
-  return static_cast<tmsize_t>(count);
-}
-
-tmsize_t write_nothing(thandle_t, void*, tmsize_t) { return 0; }
-
-toff_t seek_memory(thandle_t handle, toff_t offset, int from) {
-  auto& memory = *static_cast<TiffFile::Memory*>(handle);
-  memory.at = from == SEEK_CUR   ? memory.at + offset
-              : from == SEEK_END ? memory.bytes.size() + offset
-                                 : offset;
-  return memory.at;
-}
-
-toff_t size_of_memory(thandle_t handle) {
-  return static_cast<TiffFile::Memory*>(handle)->bytes.size();
-}
-
-int close_nothing(thandle_t) { return 0; }
-
 /// A buffer for decoded rows. bad_file: the file is too short to expand to this size.
 Result<std::vector<std::byte>> buffer(const TiffFile& file, std::uint64_t size) {
   if (size > file.bytes * kMaxExpansion)
-    return fail(ErrorCode::bad_file, file.path, ": page ", file.page, " claims ", size,
-                " bytes in a strip or tile, more than its ", file.bytes, " bytes can hold");
+    return bad_file(file.path, "page ", file.page, " claims ", size,
+                    " bytes in a strip or tile, more than its ", file.bytes, " bytes can hold");
   return std::vector<std::byte>(size);
 }
 
@@ -101,17 +77,20 @@ Result<std::unique_ptr<TiffFile>> TiffFile::open(const std::string& name, ByteSp
   auto file = std::make_unique<TiffFile>();
   file->path = name;
   file->bytes = bytes.size();
-  file->memory.bytes = bytes;
-  file->tiff.reset(TIFFClientOpenExt(name.c_str(), "rm", &file->memory, read_memory, write_nothing,
-                                     seek_memory, close_nothing, size_of_memory, nullptr, nullptr,
-                                     options_for(*file).get()));
-  if (!file->tiff) return file->damaged();
-  return file;
+  const int memory = ::memfd_create("tiff", MFD_CLOEXEC);
+  if (memory < 0 || write_all(memory, bytes, 0) != 0) {
+    if (memory >= 0) ::close(memory);
+    return fail(ErrorCode::out_of_memory, name, ": no memory to read it");
+  }
+  file->tiff.reset(TIFFFdOpenExt(memory, name.c_str(), "rm", options_for(*file).get()));
+  if (file->tiff) return file;
+  ::close(memory);
+  return file->damaged();
 }
 
 tl::unexpected<Error> TiffFile::damaged() const {
-  return fail(ErrorCode::bad_file, path, ": page ", page,
-              ": damaged TIFF: ", message[0] == 0 ? "cannot be decoded" : message.data());
+  return bad_file(path, "page ", page,
+                  ": damaged TIFF: ", message[0] == 0 ? "cannot be decoded" : message.data());
 }
 
 std::string TiffFile::text(std::uint32_t id) const {
@@ -122,8 +101,7 @@ std::string TiffFile::text(std::uint32_t id) const {
 Result<bool> TiffFile::next() {
   message[0] = 0;
   if (TIFFLastDirectory(tiff.get())) return false;
-  if (++page >= kMaxPages)
-    return fail(ErrorCode::unsupported, path, ": more than ", kMaxPages, " pages");
+  if (++page >= kMaxPages) return unsupported(path, "more than ", kMaxPages, " pages");
   if (!TIFFReadDirectory(tiff.get())) return damaged();
   return true;
 }
@@ -154,8 +132,8 @@ Result<void> check_compression(const TiffFile& file) {
        {COMPRESSION_NONE, COMPRESSION_LZW, COMPRESSION_JPEG, COMPRESSION_ADOBE_DEFLATE,
         COMPRESSION_DEFLATE, COMPRESSION_PACKBITS, COMPRESSION_LZMA, COMPRESSION_ZSTD})
     if (compression == read) return {};
-  return fail(ErrorCode::unsupported, file.path, ": compression ", compression,
-              ", expected none, LZW, deflate, PackBits, JPEG, LZMA or zstd");
+  return unsupported(file.path, "compression ", compression,
+                     ", expected none, LZW, deflate, PackBits, JPEG, LZMA or zstd");
 }
 
 bool has_planes(const TiffFile& file) {
@@ -186,7 +164,7 @@ Result<void> read_rows(TiffFile& file, const TiffRows& rows, std::uint32_t plane
   const auto across = file.tag<std::uint32_t>(TIFFTAG_TILEWIDTH, 0);
   const auto down = file.tag<std::uint32_t>(TIFFTAG_TILELENGTH, 0);
   if (across == 0 || down == 0 || across > (1u << 20) || down > (1u << 20))
-    return fail(ErrorCode::bad_file, file.path, ": tiles of ", across, "x", down, " pixels");
+    return bad_file(file.path, "tiles of ", across, "x", down, " pixels");
   auto tile = SLF_TRY(buffer(file, rows.pixel * across * down));
   if (TIFFTileSize(tiff) != static_cast<tmsize_t>(tile.size())) return file.damaged();
   for (std::uint32_t y = 0; y < rows.height; y += down) {

@@ -28,7 +28,7 @@ class TiffFile {
   /// Opens a file at its first page. not_found: no such file. io: not a regular file, or cannot be
   /// read. bad_file: damaged.
   [[nodiscard]] static Result<std::unique_ptr<TiffFile>> open(const std::string& path);
-  /// A file in memory, which must outlive the result; `name` is for messages.
+  /// The same of a copy of bytes; `name` is for messages. out_of_memory: none for the copy.
   [[nodiscard]] static Result<std::unique_ptr<TiffFile>> open(const std::string& name,
                                                               ByteSpan bytes);
 
@@ -52,15 +52,10 @@ class TiffFile {
   struct Close {
     void operator()(TIFF* handle) const { TIFFClose(handle); }
   };
-  struct Memory {
-    ByteSpan bytes;
-    std::uint64_t at = 0;
-  };
   std::string path;  ///< or name
   std::uint64_t bytes = 0;
   std::uint32_t page = 0;
   std::array<char, 512> message{};
-  Memory memory;
   std::unique_ptr<TIFF, Close> tiff;
 };
 

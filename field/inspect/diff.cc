@@ -41,7 +41,6 @@ double psnr(double mean_square) {
   return mean_square > 0 ? -10 * std::log10(mean_square) : std::numeric_limits<double>::infinity();
 }
 
-/// What is compared.
 struct Comparison {
   const FieldFile& a;
   const FieldFile& b;

@@ -59,9 +59,8 @@ class Listing {
     if (!filter_.missing) return {};
     missing_ += end - begin;
     if (missing_ > kMaxMissing)
-      return fail(ErrorCode::usage, field_.path(), ": more than ", kMaxMissing,
-                  " tiles are missing up to level ", int{level},
-                  "; list those of fewer levels or subfields");
+      return misuse(field_.path(), "more than ", kMaxMissing, " tiles are missing up to level ",
+                    int{level}, "; list those of fewer levels or subfields");
     for (std::uint64_t index = begin; index < end; ++index)
       if (auto ok = visit({TileState::missing, {level, index}, {}, 0}); !ok) return ok;
     return {};
@@ -89,10 +88,10 @@ class Listing {
 
 Result<void> check(const FieldFile& field, const TileFilter& filter) {
   if (filter.first_level > field.shape().levels || filter.last_level < filter.first_level)
-    return fail(ErrorCode::usage, field.path(), ": has levels 0 to ", field.shape().levels);
+    return misuse(field.path(), "has levels 0 to ", field.shape().levels);
   for (const std::uint8_t subfield : filter.subfields)
     if (!field.shape().has({0, std::uint64_t{subfield} << (2 * field.shape().entry_extra_levels)}))
-      return fail(ErrorCode::usage, field.path(), ": has no subfield ", int{subfield});
+      return misuse(field.path(), "has no subfield ", int{subfield});
   return {};
 }
 
@@ -116,8 +115,8 @@ TileAddress address_of(const Field& field, TileKey key) {
 Result<TileKey> find_tile(const Field& field, const TileAddress& address) {
   const FieldShape& shape = field.shape();
   const auto refuse = [&](const auto&... what) {
-    return fail(ErrorCode::usage, field.path(), ": tile ", address.level, "/", address.entry, "/",
-                address.exit, ": ", what...);
+    return misuse(field.path(), "tile ", address.level, "/", address.entry, "/", address.exit, ": ",
+                  what...);
   };
   if (address.level > shape.levels) return refuse("the field has levels 0 to ", shape.levels);
   const unsigned entry_level = address.level + shape.entry_extra_levels;
@@ -135,16 +134,16 @@ Result<TileKey> find_tile(const Field& field, const TileAddress& address) {
 Result<TileKey> find_tile(const Field& field, unsigned level, std::uint64_t index) {
   const FieldShape& shape = field.shape();
   if (level > shape.levels)
-    return fail(ErrorCode::usage, field.path(), ": tile ", level, "/", index,
-                ": the field has levels 0 to ", shape.levels);
+    return misuse(field.path(), "tile ", level, "/", index, ": the field has levels 0 to ",
+                  shape.levels);
   const TileKey key{static_cast<std::uint8_t>(level), index};
   if (shape.has(key)) return key;
   const std::uint64_t count = tile_count(level, shape.entry_extra_levels);
   if (index < count)
-    return fail(ErrorCode::usage, field.path(), ": tile ", level, "/", index,
-                ": is in a subfield that the field does not have");
-  return fail(ErrorCode::usage, field.path(), ": tile ", level, "/", index, ": level ", level,
-              " has tiles 0 to ", count - 1);
+    return misuse(field.path(), "tile ", level, "/", index,
+                  ": is in a subfield that the field does not have");
+  return misuse(field.path(), "tile ", level, "/", index, ": level ", level, " has tiles 0 to ",
+                count - 1);
 }
 
 Result<void> list_tiles(const Field& field, const TileFilter& filter,

@@ -8,8 +8,7 @@ namespace slf {
 
 Result<TileSampleSet> read_tile(const TileReader& tiles, TileKey key, const std::string& name) {
   const FieldFile& field = tiles.field().file();
-  if (!has_channel(field, name))
-    return fail(ErrorCode::usage, field.path(), ": has no channel '", name, "'");
+  if (!has_channel(field, name)) return misuse(field.path(), "has no channel '", name, "'");
   auto read = SLF_TRY(tiles.read(key));
   auto tile = std::make_shared<TileReader::Tile>(std::move(read));
   if (tile->missing())

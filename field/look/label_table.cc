@@ -14,7 +14,6 @@ namespace {
 
 using nlohmann::json;
 using volume_io::in_quotes;
-using volume_io::lower;
 
 struct Entry {
   std::int64_t id = 0;
@@ -52,7 +51,7 @@ Result<LabelTable> table_of(const std::vector<std::pair<std::size_t, Entry>>& ro
       return fail(ErrorCode::bad_file, source, ", line ", line, ": the id ", entry.id,
                   " occurs twice");
   }
-  if (table.empty()) return fail(ErrorCode::bad_file, source, ": a table without labels");
+  if (table.empty()) return bad_file(source, "a table without labels");
   return table;
 }
 
@@ -133,7 +132,7 @@ std::optional<Entry> parse_named(const Words& words) {
 enum class Origin { unknown, slicer, freesurfer, slicer_scale };
 
 Origin origin_of(std::string_view comment) {
-  const std::string text = lower(volume_io::trim(comment));
+  const std::string text = lower_case(volume_io::trim(comment));
   if (text.starts_with("color table file")) return Origin::slicer;
   if (text.starts_with("color procedural file")) return Origin::slicer_scale;
   const bool freesurfer = text.find("label name") != std::string::npos ||
@@ -178,33 +177,6 @@ Result<LabelTable> parse_lines(std::string_view text, const std::string& source)
 
 // ---- 3D Slicer's CSV ----------------------------------------------------------------------------
 
-struct Record {
-  std::size_t line;
-  std::vector<std::string> fields;
-};
-
-/// Reads a record from `at` on. Quotes may enclose a field, and double within it.
-Record next_record(std::string_view text, std::size_t& at, std::size_t& line, char separator) {
-  Record record{line, {""}};
-  for (bool quoted = false; at < text.size();) {
-    const char c = text[at++];
-    if (c == '\n') ++line;
-    if (c == '"' && quoted && at < text.size() && text[at] == '"') {
-      record.fields.back() += text[at++];
-    } else if (c == '"') {
-      quoted = !quoted;
-    } else if (c == '\n' && !quoted) {
-      break;
-    } else if (c == separator && !quoted) {
-      record.fields.emplace_back();
-    } else {
-      record.fields.back() += c;
-    }
-  }
-  for (std::string& field : record.fields) field = volume_io::trim(field);
-  return record;
-}
-
 constexpr std::string_view kIdColumn = "labelvalue";
 
 /// The separator of a CSV whose first column is LabelValue.
@@ -212,7 +184,7 @@ std::optional<char> csv_separator(std::string_view text) {
   std::size_t at = 0;
   std::string header;
   while (header.empty() && at < text.size())
-    header = lower(volume_io::trim(volume_io::next_line(text, at)));
+    header = lower_case(volume_io::trim(volume_io::next_line(text, at)));
   std::erase(header, '"');
   if (!header.starts_with(kIdColumn) || header.size() == kIdColumn.size()) return std::nullopt;
   const char separator = header[kIdColumn.size()];
@@ -225,34 +197,34 @@ Result<LabelTable> parse_csv(std::string_view text, char separator, const std::s
   std::map<std::string, std::size_t> columns;
   std::size_t line = 1;
   for (std::size_t at = 0; at < text.size();) {
-    const Record record = next_record(text, at, line, separator);
-    if (std::ranges::all_of(record.fields, &std::string::empty)) continue;
+    const std::size_t first = line;
+    const auto cells = volume_io::next_row(text, at, line, separator);
+    if (std::ranges::all_of(cells, &std::string::empty)) continue;
     if (columns.empty()) {
-      for (std::size_t k = 0; k < record.fields.size(); ++k)
-        columns.emplace(lower(record.fields[k]), k);
+      for (std::size_t k = 0; k < cells.size(); ++k) columns.emplace(lower_case(cells[k]), k);
       for (const char* name : {"Color_R", "Color_G", "Color_B"})
-        if (!columns.contains(lower(name)))
-          return fail(ErrorCode::bad_file, source, ", line ", record.line, ": the column ", name,
+        if (!columns.contains(lower_case(name)))
+          return fail(ErrorCode::bad_file, source, ", line ", first, ": the column ", name,
                       " is missing; 3D Slicer's color tables have LabelValue, Name, Color_R, "
                       "Color_G, Color_B and Color_A");
       continue;
     }
     const auto field = [&](const std::string& name) -> std::string_view {
       const auto column = columns.find(name);
-      if (column == columns.end() || column->second >= record.fields.size()) return {};
-      return record.fields[column->second];
+      if (column == columns.end() || column->second >= cells.size()) return {};
+      return cells[column->second];
     };
     const auto id = parse_id(field(std::string(kIdColumn)));
     const auto color = parse_color(field("color_r"), field("color_g"), field("color_b"));
     const auto opacity = field("color_a").empty() ? 255 : number(field("color_a"), 255);
     if (!id)
-      return fail(ErrorCode::bad_file, source, ", line ", record.line, ": LabelValue is ",
+      return fail(ErrorCode::bad_file, source, ", line ", first, ": LabelValue is ",
                   in_quotes(field(std::string(kIdColumn))), ", expected an integer");
     if (!color || !opacity)
-      return fail(ErrorCode::bad_file, source, ", line ", record.line,
+      return fail(ErrorCode::bad_file, source, ", line ", first,
                   ": expected 0 to 255 as each of Color_R, Color_G, Color_B and Color_A");
     rows.emplace_back(
-        record.line,
+        first,
         Entry{*id,
               {.name = std::string(field("name")), .color = color, .opacity = *opacity / 255}});
   }
@@ -264,7 +236,7 @@ Result<LabelTable> parse_csv(std::string_view text, char separator, const std::s
 Result<LabelTable> parse_json(std::string_view text, const std::string& source) {
   const json all = json::parse(text, nullptr, /*allow_exceptions=*/false);
   const auto bad = [&](const std::string& what) {
-    return fail(ErrorCode::bad_file, source, ": not a table of labels: ", what);
+    return bad_file(source, "not a table of labels: ", what);
   };
   if (!all.is_object() || !all.contains("labels") || !all["labels"].is_array())
     return bad("expected {\"labels\": [...]}");
@@ -312,7 +284,7 @@ Result<LabelTable> parse_label_table(const std::string& bytes, const std::string
 Result<LabelTable> read_label_table(const std::string& path) {
   constexpr std::uint64_t kMaxBytes = 16 << 20;
   const auto bytes = SLF_TRY(read_file(path, kMaxBytes));
-  return parse_label_table({reinterpret_cast<const char*>(bytes.data()), bytes.size()}, path);
+  return parse_label_table(std::string(chars_of(bytes)), path);
 }
 
 }  // namespace slf

@@ -14,8 +14,7 @@ namespace {
 /// the value itself and the second above it.
 template <class Point>
 auto at_or_above(const std::vector<Point>& points, double value) {
-  return std::lower_bound(points.begin(), points.end(), value,
-                          [](const Point& point, double v) { return point.value < v; });
+  return std::ranges::lower_bound(points, value, {}, &Point::value);
 }
 
 // vtkPiecewiseFunction's curve between two nodes: linear to the midpoint and from it on, then

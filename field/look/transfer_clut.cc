@@ -7,8 +7,8 @@
 #include <map>
 
 #include "base/try.h"
-#include "field/volume/io.h"
 #include "field/look/transfer_formats.h"
+#include "field/volume/io.h"
 
 namespace slf::transfer_formats {
 
@@ -64,16 +64,16 @@ Presets parse_clut(std::string_view text, const std::string& source) {
     const auto line = volume_io::trim(volume_io::next_line(text, at));
     const auto equals = line.find('=');
     if (equals == std::string_view::npos || line.starts_with(';')) continue;
-    entries[volume_io::lower(volume_io::trim(line.substr(0, equals)))] =
+    entries[lower_case(volume_io::trim(line.substr(0, equals)))] =
         volume_io::trim(line.substr(equals + 1));
   }
   const auto number = [&](const std::string& key, double min, double max) -> Result<double> {
     const auto found = entries.find(key);
-    if (found == entries.end()) return fail(ErrorCode::bad_file, source, ": ", key, " is missing");
+    if (found == entries.end()) return bad_file(source, key, " is missing");
     const auto value = volume_io::parse_number(with_point(found->second));
     if (!value || !(*value >= min && *value <= max))
-      return fail(ErrorCode::bad_file, source, ": ", key, " is ", in_quotes(found->second),
-                  ", expected a number from ", min, " to ", max);
+      return bad_file(source, key, " is ", in_quotes(found->second), ", expected a number from ",
+                      min, " to ", max);
     return *value;
   };
 
@@ -89,12 +89,11 @@ Presets parse_clut(std::string_view text, const std::string& source) {
     const std::string index = std::to_string(i);
     const auto intensity = SLF_TRY(number("nodeintensity" + index, 0, 256));
     const auto found = entries.find("nodergba" + index);
-    if (found == entries.end())
-      return fail(ErrorCode::bad_file, source, ": nodergba", index, " is missing");
+    if (found == entries.end()) return bad_file(source, "nodergba", index, " is missing");
     const auto rgba = parse_rgba(found->second);
     if (!rgba)
-      return fail(ErrorCode::bad_file, source, ": nodergba", index, " is ",
-                  in_quotes(found->second), ", expected red|green|blue|alpha, each 0 to 255");
+      return bad_file(source, "nodergba", index, " is ", in_quotes(found->second),
+                      ", expected red|green|blue|alpha, each 0 to 255");
     nodes.push_back({std::min(intensity, 255.0) / 255, *rgba});
   }
   std::ranges::stable_sort(nodes, {}, &Node::intensity);

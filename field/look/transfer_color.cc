@@ -4,17 +4,13 @@
 #include <cmath>
 #include <numbers>
 
+#include "slf/tone.h"
+
 namespace slf::transfer_color {
 
 namespace {
 
 const glm::dvec3 kWhite{0.9505, 1.0, 1.089};  // D65, as VTK rounds it
-
-double to_linear(double c) { return c > 0.04045 ? std::pow((c + 0.055) / 1.055, 2.4) : c / 12.92; }
-
-double to_srgb(double c) {
-  return c > 0.0031308 ? 1.055 * std::pow(c, 1 / 2.4) - 0.055 : 12.92 * c;
-}
 
 // Magnitude, saturation angle, hue angle: CIELAB in polar form (Moreland 2009, "Diverging Color
 // Maps for Scientific Visualization").
@@ -104,7 +100,7 @@ glm::dvec3 hsv_to_rgb(const glm::dvec3& hsv) {
 }
 
 glm::dvec3 rgb_to_lab(const glm::dvec3& rgb) {
-  const glm::dvec3 c{to_linear(rgb.x), to_linear(rgb.y), to_linear(rgb.z)};
+  const glm::dvec3 c{linear_from_srgb(rgb.x), linear_from_srgb(rgb.y), linear_from_srgb(rgb.z)};
   const glm::dvec3 xyz = glm::dvec3{0.4124 * c.x + 0.3576 * c.y + 0.1805 * c.z,
                                     0.2126 * c.x + 0.7152 * c.y + 0.0722 * c.z,
                                     0.0193 * c.x + 0.1192 * c.y + 0.9505 * c.z} /
@@ -121,9 +117,9 @@ glm::dvec3 lab_to_rgb(const glm::dvec3& lab) {
     return cube > 0.008856 ? cube : (v - 16.0 / 116) / 7.787;
   };
   const glm::dvec3 xyz = glm::dvec3{f(lab.y / 500 + y), f(y), f(y - lab.z / 200)} * kWhite;
-  glm::dvec3 rgb{to_srgb(3.2406 * xyz.x - 1.5372 * xyz.y - 0.4986 * xyz.z),
-                 to_srgb(-0.9689 * xyz.x + 1.8758 * xyz.y + 0.0415 * xyz.z),
-                 to_srgb(0.0557 * xyz.x - 0.2040 * xyz.y + 1.0570 * xyz.z)};
+  glm::dvec3 rgb{srgb_from_linear(3.2406 * xyz.x - 1.5372 * xyz.y - 0.4986 * xyz.z),
+                 srgb_from_linear(-0.9689 * xyz.x + 1.8758 * xyz.y + 0.0415 * xyz.z),
+                 srgb_from_linear(0.0557 * xyz.x - 0.2040 * xyz.y + 1.0570 * xyz.z)};
   // Out of gamut: like VTK, scale down colours that are too bright and clamp negative channels.
   const double max = std::max({rgb.x, rgb.y, rgb.z});
   if (max > 1) rgb /= max;

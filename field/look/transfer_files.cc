@@ -3,21 +3,19 @@
 #include <filesystem>
 
 #include "base/try.h"
-#include "field/volume/io.h"
 #include "field/look/transfer_formats.h"
+#include "field/volume/io.h"
 
 namespace slf {
 
 using namespace transfer_formats;
 using volume_io::in_quotes;
-using volume_io::lower;
 
 namespace {
 
-/// The built-in preset of this name, or null.
 const TransferPreset* find_built_in(const std::string& name) {
   for (const auto& preset : built_in_transfers())
-    if (preset.function.name == lower(name)) return &preset;
+    if (preset.function.name == lower_case(name)) return &preset;
   return nullptr;
 }
 
@@ -26,7 +24,7 @@ std::string some_names(std::span<const TransferPreset> presets, const std::strin
   std::vector<std::string> names;
   for (const auto& preset : presets) names.push_back(preset.function.name);
   std::stable_partition(names.begin(), names.end(), [&](const std::string& name) {
-    return !like.empty() && lower(name).find(lower(like)) != std::string::npos;
+    return !like.empty() && lower_case(name).find(lower_case(like)) != std::string::npos;
   });
   constexpr std::size_t kSome = 16;
   std::string list;
@@ -58,10 +56,9 @@ Result<std::vector<TransferPreset>> read_transfers(const std::string& path) {
   const auto size = SLF_TRY(file_size(path));
   constexpr std::uint64_t kMaxBytes = std::uint64_t{64} << 20;
   if (size > kMaxBytes)
-    return fail(ErrorCode::bad_file, path, ": ", size,
-                " bytes, expected a transfer function of at most ", kMaxBytes);
+    return bad_file(path, size, " bytes, expected a transfer function of at most ", kMaxBytes);
   const auto bytes = SLF_TRY(read_file(path, kMaxBytes));
-  return parse_transfers({reinterpret_cast<const char*>(bytes.data()), bytes.size()}, path);
+  return parse_transfers(std::string(chars_of(bytes)), path);
 }
 
 std::string transfer_file(const std::string& reference) {
@@ -91,10 +88,10 @@ Result<TransferPreset> read_transfer(const std::string& reference) {
   const std::string name = reference.substr(path.size() + 1);
   for (const bool exact : {true, false})
     for (auto& preset : presets)
-      if (exact ? preset.function.name == name : lower(preset.function.name) == lower(name))
+      if (exact ? preset.function.name == name
+                : lower_case(preset.function.name) == lower_case(name))
         return std::move(preset);
-  return fail(ErrorCode::usage, path, ": no preset ", in_quotes(name), "; there are ",
-              some_names(presets, name));
+  return misuse(path, "no preset ", in_quotes(name), "; there are ", some_names(presets, name));
 }
 
 }  // namespace slf

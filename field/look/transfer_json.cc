@@ -1,11 +1,10 @@
 // ParaView's preset JSON, an array of presets or one alone; and 3D Slicer's volume properties.
-#include <charconv>
 #include <cmath>
 #include <nlohmann/json.hpp>
 
 #include "base/try.h"
-#include "field/volume/io.h"
 #include "field/look/transfer_formats.h"
+#include "field/volume/io.h"
 
 namespace slf {
 
@@ -189,7 +188,7 @@ json as_preset(const json& property, const std::string& name) {
 
 Result<Space> transfer_formats::parse_space(std::string_view text, const std::string& place) {
   for (const auto& [name, space] : kSpaces)
-    if (volume_io::lower(name) == volume_io::lower(text)) return space;
+    if (lower_case(name) == lower_case(text)) return space;
   return fail(ErrorCode::unsupported, place, " is ", in_quotes(text),
               ", expected RGB, HSV, Lab, CIELAB, Diverging or Step");
 }

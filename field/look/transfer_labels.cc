@@ -88,8 +88,8 @@ TransferFunction label_transfer(const Volume& volume,
         if (static_cast<double>(own) == id && style.color) return *style.color;
       return transfer_color::of_label(id);
     }
-    const auto found = std::find_if(colors.begin(), colors.end(),
-                                    [&](const auto& point) { return point.value == id; });
+    const auto found =
+        std::ranges::find_if(colors, [&](const auto& point) { return point.value == id; });
     if (found != colors.end()) return found->rgb;
     const auto count = static_cast<double>(colors.size());
     const double rest = std::fmod(std::fmod(std::floor(id), count) + count, count);

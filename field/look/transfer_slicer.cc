@@ -4,8 +4,8 @@
 #include <cmath>
 
 #include "base/try.h"
-#include "field/volume/io.h"
 #include "field/look/transfer_formats.h"
+#include "field/volume/io.h"
 
 namespace slf::transfer_formats {
 
@@ -24,9 +24,7 @@ std::vector<std::string_view> lines_of(std::string_view text) {
 /// point ascends; the others are in 0..1. `place` begins messages.
 Result<std::vector<double>> read_points(std::string_view text, std::size_t stride,
                                         const std::string& place) {
-  const auto bad = [&](const auto&... parts) {
-    return fail(ErrorCode::bad_file, place, ": ", parts...);
-  };
+  const auto bad = [&](const auto&... parts) { return bad_file(place, parts...); };
   const auto words = volume_io::words(text);
   if (words.empty()) return bad("is empty, expected a count of numbers and the numbers");
   const auto count = volume_io::parse_integer(words.front());
@@ -74,9 +72,9 @@ bool looks_like_vp(std::string_view text) {
 Presets parse_vp(std::string_view text, const std::string& source) {
   const auto lines = lines_of(text);
   if (lines.size() < 9)
-    return fail(ErrorCode::bad_file, source, ": ", lines.size(),
-                " lines, expected the 9 of a volume property: opacities in the 7th, colours in the "
-                "9th");
+    return bad_file(
+        source, lines.size(),
+        " lines, expected the 9 of a volume property: opacities in the 7th, colours in the 9th");
   auto preset = SLF_TRY(points_of(lines[6], source + ": line 7", lines[8], source + ": line 9"));
   return std::vector{std::move(preset)};
 }

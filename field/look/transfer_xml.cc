@@ -4,80 +4,79 @@
 #include <optional>
 
 #include "base/try.h"
-#include "field/volume/io.h"
 #include "field/look/transfer_formats.h"
+#include "field/volume/io.h"
 #include "field/volume/xml.h"
 
 namespace slf::transfer_formats {
 
 namespace {
 
+using volume_io::attribute;
 using volume_io::in_quotes;
-using volume_io::XmlAttributes;
+using volume_io::name_of;
 
-std::string_view attribute(const XmlAttributes& attributes, std::string_view name) {
-  const auto found = attributes.find(name);
-  return found == attributes.end() ? std::string_view() : std::string_view(found->second);
-}
-
-/// A ColorMap. As in ParaView, its points need not ascend, and their opacities ("o") do not count.
-struct ColorMap {
-  std::string name, space;
-  bool indexed = false;  ///< colours of categories
-  std::vector<TransferFunction::ColorPoint> points{};
-  std::vector<std::optional<double>> annotations{};
-};
-
-Result<TransferFunction::ColorPoint> read_point(const XmlAttributes& attributes,
-                                                const ColorMap& map, const std::string& place) {
+/// Point `number` of a ColorMap. Of categories, only the colour counts.
+Result<TransferFunction::ColorPoint> read_point(const pugi::xml_node& element, bool indexed,
+                                                std::size_t number, const std::string& place) {
   TransferFunction::ColorPoint point{0, {}};
   for (const auto& [name, to] : {std::pair{"x", &point.value},
                                  {"r", &point.rgb.r},
                                  {"g", &point.rgb.g},
                                  {"b", &point.rgb.b}}) {
     const bool channel = to != &point.value;
-    if (!channel && map.indexed) continue;
-    const auto value = volume_io::parse_number(attribute(attributes, name));
+    if (!channel && indexed) continue;
+    const std::string text = attribute(element, name);
+    const auto value = volume_io::parse_number(text);
     if (!value || !std::isfinite(*value) || (channel && !(*value >= 0 && *value <= 1)))
-      return fail(ErrorCode::bad_file, place, ": Point ", map.points.size() + 1, ": ", name, " is ",
-                  in_quotes(attribute(attributes, name)), ", expected ",
-                  channel ? "0 to 1" : "a number");
+      return bad_file(place, "Point ", number, ": ", name, " is ", in_quotes(text), ", expected ",
+                      channel ? "0 to 1" : "a number");
     *to = *value;
   }
   return point;
 }
 
-Result<TransferPreset> preset_of(ColorMap map, const std::string& place) {
-  if (map.points.empty())
-    return fail(ErrorCode::bad_file, place,
-                R"(: expected <Point x="..." r="..." g="..." b="..."/>)");
+/// A ColorMap. As in ParaView, its points need not ascend, and their opacities ("o") do not count.
+Result<TransferPreset> read_color_map(const pugi::xml_node& map, const std::string& place) {
+  const std::string categories = lower_case(attribute(map, "indexedLookup")),
+                    space = attribute(map, "space");
+  const bool indexed = categories == "true" || categories == "1";
+  std::vector<TransferFunction::ColorPoint> points;
+  std::vector<std::optional<double>> annotations;
+  for (const pugi::xml_node& element : volume_io::elements_of(map)) {
+    if (name_of(element) == "Annotation") {
+      annotations.push_back(volume_io::parse_number(attribute(element, "v")));
+    } else if (name_of(element) == "Point") {
+      const auto point = SLF_TRY(read_point(element, indexed, points.size() + 1, place));
+      points.push_back(point);
+    }
+  }
+  if (points.empty())
+    return bad_file(place, R"(expected <Point x="..." r="..." g="..." b="..."/>)");
   TransferPreset preset;
-  if (map.indexed) {
+  if (indexed) {
     std::vector<glm::dvec3> colors;
-    for (const auto& point : map.points) colors.push_back(point.rgb);
-    preset = indexed_preset(colors, map.annotations);
+    for (const auto& point : points) colors.push_back(point.rgb);
+    preset = indexed_preset(colors, annotations);
   } else {
     // Hues that wrap around are those of HSV here: it always goes the shorter way.
-    const bool wrapped = volume_io::lower(map.space) == "wrapped";
+    const bool wrapped = lower_case(space) == "wrapped";
     preset.function.space =
-        SLF_TRY(map.space.empty() ? TransferFunction::Space::rgb
-                                  : parse_space(wrapped ? "HSV" : map.space, place + ": space"));
-    std::ranges::stable_sort(map.points, {}, &TransferFunction::ColorPoint::value);
-    preset.function.colors = std::move(map.points);
+        SLF_TRY(space.empty() ? TransferFunction::Space::rgb
+                              : parse_space(wrapped ? "HSV" : space, place + ": space"));
+    std::ranges::stable_sort(points, {}, &TransferFunction::ColorPoint::value);
+    preset.function.colors = std::move(points);
   }
-  preset.function.name = std::move(map.name);
   preset.has_opacity = preset.has_unit_distance = false;
   const auto& colors = preset.function.colors;
   preset.function.opacities = opacity_ramp(colors.front().value, colors.back().value);
   return preset;
 }
 
-Result<TransferPreset> read_volume_property(const XmlAttributes& attributes,
+Result<TransferPreset> read_volume_property(const pugi::xml_node& property,
                                             const std::string& place) {
-  auto preset = points_of(attribute(attributes, "scalarOpacity"), place + ": scalarOpacity",
-                          attribute(attributes, "colorTransfer"), place + ": colorTransfer");
-  if (preset) preset->function.name = attribute(attributes, "name");
-  return preset;
+  return points_of(attribute(property, "scalarOpacity"), place + ": scalarOpacity",
+                   attribute(property, "colorTransfer"), place + ": colorTransfer");
 }
 
 }  // namespace
@@ -85,54 +84,22 @@ Result<TransferPreset> read_volume_property(const XmlAttributes& attributes,
 bool looks_like_xml(std::string_view text) { return volume_io::trim(text).starts_with('<'); }
 
 Presets parse_xml(std::string_view text, const std::string& source) {
+  const auto xml = SLF_TRY(volume_io::parse_xml(text, source));
   std::vector<TransferPreset> presets;
-  std::optional<ColorMap> map;  // that is being read
-  std::string root;
-  Result<void> ok;
-  const auto place_of = [&](std::string_view element, std::string_view name) {
-    return source + ": " + std::string(element) + " " +
-           (name.empty() ? std::to_string(presets.size() + 1) : in_quotes(name));
-  };
-  const auto keep = [&](Result<TransferPreset> preset) {
-    if (preset)
-      presets.push_back(std::move(*preset));
-    else
-      ok = tl::unexpected(preset.error());
-  };
-  volume_io::XmlHandler handler;
-  handler.start = [&](std::string_view element, const XmlAttributes& attributes) {
-    if (root.empty()) root = element;
-    const auto name = attribute(attributes, "name");
-    if (element == "ColorMap") {
-      const auto indexed = volume_io::lower(attribute(attributes, "indexedLookup"));
-      map = ColorMap{.name = std::string(name),
-                     .space = std::string(attribute(attributes, "space")),
-                     .indexed = indexed == "true" || indexed == "1"};
-    } else if (map && element == "Point") {
-      const auto point = read_point(attributes, *map, place_of("ColorMap", map->name));
-      if (point)
-        map->points.push_back(*point);
-      else
-        ok = tl::unexpected(point.error());
-    } else if (map && element == "Annotation") {
-      map->annotations.push_back(volume_io::parse_number(attribute(attributes, "v")));
-    } else if (element == "VolumeProperty") {
-      keep(read_volume_property(attributes, place_of("VolumeProperty", name)));
-    }
-    return ok.has_value();
-  };
-  handler.end = [&](std::string_view element) {
-    if (element != "ColorMap" || !map) return;
-    const std::string place = place_of("ColorMap", map->name);
-    keep(preset_of(std::move(*map), place));
-    map.reset();
-  };
-  const auto parsed = volume_io::parse_xml(text, source, handler);
-  if (!ok) return tl::unexpected(ok.error());
-  if (!parsed) return tl::unexpected(parsed.error());
+  for (const pugi::xml_node& element : volume_io::elements_of(*xml)) {
+    const auto kind = name_of(element);
+    if (kind != "ColorMap" && kind != "VolumeProperty") continue;
+    const std::string name = attribute(element, "name");
+    const std::string place = source + ": " + std::string(kind) + " " +
+                              (name.empty() ? std::to_string(presets.size() + 1) : in_quotes(name));
+    auto preset = SLF_TRY(kind == "ColorMap" ? read_color_map(element, place)
+                                             : read_volume_property(element, place));
+    preset.function.name = name;
+    presets.push_back(std::move(preset));
+  }
   if (presets.empty())
-    return fail(ErrorCode::bad_file, source, ": XML of ", in_quotes(root),
-                ", expected ParaView's ColorMap or 3D Slicer's VolumeProperty");
+    return bad_file(source, "XML of ", in_quotes(name_of(xml->document_element())),
+                    ", expected ParaView's ColorMap or 3D Slicer's VolumeProperty");
   return presets;
 }
 

@@ -1,7 +1,6 @@
 #include "field/look/value_statistics.h"
 
 #include <algorithm>
-#include <cmath>
 #include <numeric>
 #include <span>
 
@@ -26,7 +25,7 @@ std::vector<double> sorted_sample(const Volume& volume) {
       if (std::isfinite(value)) values.push_back(value);
     }
   });
-  std::sort(values.begin(), values.end());
+  std::ranges::sort(values);
   return values;
 }
 
@@ -100,7 +99,7 @@ double background_end(std::span<const double> sorted, double min, double max) {
   constexpr double kFew = 0.05, kParts = 0.7;
   double end = otsu(sorted, min, max).value;
   for (int again = 0; again < 2; ++again) {
-    const auto above = std::upper_bound(sorted.begin(), sorted.end(), end);
+    const auto above = std::ranges::upper_bound(sorted, end);
     if (static_cast<double>(sorted.end() - above) > kFew * static_cast<double>(sorted.size()))
       break;
     const std::span<const double> rest(sorted.begin(), above);
@@ -138,13 +137,13 @@ ValueStatistics value_statistics(const Volume& volume) {
     s.max = std::max(-s.min, s.max);
     s.min = 0;
     for (double& value : s.values) value = std::abs(value);
-    std::sort(s.values.begin(), s.values.end());
+    std::ranges::sort(s.values);
     s.threshold = masked ? 0 : otsu(s.values, s.min, s.max).value;
     return s;
   }
   s.by_decades = s.min > 0 && s.max / s.min > 1e4;
   if (s.by_decades) {
-    s.values.erase(s.values.begin(), std::lower_bound(s.values.begin(), s.values.end(), s.min));
+    s.values.erase(s.values.begin(), std::ranges::lower_bound(s.values, s.min));
     for (double& value : s.values) value = std::log10(value);
     s.min = std::log10(s.min);
     s.max = std::log10(s.max);

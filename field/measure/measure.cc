@@ -5,14 +5,13 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <array>
 #include <atomic>
 #include <cerrno>
 #include <chrono>
-#include <cstdio>
 #include <fstream>
 #include <nlohmann/json.hpp>
 #include <numeric>
-#include <string>
 #include <system_error>
 #include <thread>
 
@@ -22,7 +21,6 @@
 #include "base/try.h"
 #include "field/field_file.h"
 #include "field/measure/process_memory.h"
-#include "slf/scene.h"
 
 namespace slf {
 namespace {
@@ -62,9 +60,8 @@ class PeakMemoryMonitor {
 };
 
 /// The cost of one view at one level, in the order of LevelMeasure's members.
-struct ViewCost {
-  double tiles = 0, pairs = 0, bytes = 0, pages = 0, cached = 0, mapped = 0, peak = 0;
-};
+enum Cost : std::size_t { kTiles, kPairs, kBytes, kPages, kCached, kMapped, kPeak, kCosts };
+using ViewCost = std::array<double, kCosts>;
 
 /// The files that a field is read from, each once, though several states are in it.
 std::vector<const FieldFile*> distinct_files(const Field& field) {
@@ -98,8 +95,7 @@ class PageCacheCounter {
   /// Whether the needed pages were read into memory since begin(): then the counts are right.
   [[nodiscard]] bool counts(std::span<const std::uint64_t> needed) const {
     return dropped_ && !before_.empty() &&
-           std::none_of(needed.begin(), needed.end(),
-                        [&](std::uint64_t page) { return before_[page] & 1; });
+           std::ranges::none_of(needed, [&](std::uint64_t page) { return before_[page] & 1; });
   }
   /// Pages that were read into the page cache since begin().
   [[nodiscard]] std::uint64_t pages_read() const {
@@ -147,28 +143,27 @@ class PageCacheCounter {
   std::vector<unsigned char> before_;
 };
 
-MeanAndMax spread(const std::vector<ViewCost>& views, double ViewCost::*member, double scale = 1) {
-  MeanAndMax s;
-  for (const ViewCost& view : views) {
-    s.mean += view.*member * scale / static_cast<double>(views.size());
-    s.max = std::max(s.max, view.*member * scale);
-  }
-  return s;
-}
-
 LevelMeasure summarize(unsigned level, std::uint64_t tiles, const std::vector<ViewCost>& views) {
+  const auto spread = [&](Cost cost, double scale = 1) {
+    MeanAndMax s;
+    for (const ViewCost& view : views) {
+      s.mean += view[cost] * scale / static_cast<double>(views.size());
+      s.max = std::max(s.max, view[cost] * scale);
+    }
+    return s;
+  };
   const double share = 1 / static_cast<double>(tiles);
   return {level,
           tiles,
-          spread(views, &ViewCost::tiles),
-          spread(views, &ViewCost::pairs),
-          spread(views, &ViewCost::bytes),
-          spread(views, &ViewCost::pages),
-          spread(views, &ViewCost::cached),
-          spread(views, &ViewCost::mapped),
-          spread(views, &ViewCost::peak),
-          spread(views, &ViewCost::tiles, share),
-          spread(views, &ViewCost::pairs, share)};
+          spread(kTiles),
+          spread(kPairs),
+          spread(kBytes),
+          spread(kPages),
+          spread(kCached),
+          spread(kMapped),
+          spread(kPeak),
+          spread(kTiles, share),
+          spread(kPairs, share)};
 }
 
 /// Evaluation::differs
@@ -280,13 +275,8 @@ Result<Measurement> measure_views(const Field& field, const MeasureOptions& opti
                           static_cast<double>(statistics.decoded_peak_bytes)};
       views.push_back(cost);
       result.kernel_counted = result.kernel_counted && kernel.counts(file.pages);
-      total[v].tiles += cost.tiles;
-      total[v].pairs += cost.pairs;
-      total[v].bytes += cost.bytes;
-      total[v].pages += cost.pages;
-      total[v].cached += cost.cached;
-      total[v].mapped += cost.mapped;
-      total[v].peak = std::max(total[v].peak, cost.peak);
+      for (std::size_t k = 0; k < kPeak; ++k) total[v][k] += cost[k];
+      total[v][kPeak] = std::max(total[v][kPeak], cost[kPeak]);
       SLF_TRY(reporter.add(1));
     }
     const std::uint64_t tiles = tile_count(level, field.shape().entry_extra_levels);

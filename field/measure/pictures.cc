@@ -63,8 +63,7 @@ Result<Camera> camera_of(const Picture& picture) {
       const glm::dvec3 way =
           lens.direction(edge / double{kSteps} * glm::dvec2(lens.width, lens.height));
       if (!(way.z > 0 && std::hypot(way.x, way.y) < furthest * way.z))
-        return fail(ErrorCode::unsupported, picture.name,
-                    ": its lens sees further than 80 degrees from the axis");
+        return unsupported(picture.name, "its lens sees further than 80 degrees from the axis");
       reach = glm::max(reach, glm::abs(glm::dvec2(way) / way.z));
     }
   // Finer than the picture, because it is resampled.

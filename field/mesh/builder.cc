@@ -2,13 +2,12 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
-#include <cstring>
 #include <filesystem>
 #include <limits>
 
+#include "base/ascii.h"
 #include "base/file.h"
 #include "base/half.h"
-#include "base/lower_case.h"
 #include "base/try.h"
 #include "field/image/formats.h"
 #include "field/mesh/surface.h"
@@ -44,13 +43,9 @@ bool is_allowed(const fs::path& path) {
   return !path.is_absolute() && up <= 1;
 }
 
-std::string_view text_of(ByteSpan bytes) {
-  return {reinterpret_cast<const char*>(bytes.data()), bytes.size()};
-}
-
 /// Whether this is a picture of a kind that is not read.
 bool is_other_picture(const std::string& name, ByteSpan bytes) {
-  const std::string_view start = text_of(bytes);
+  const std::string_view start = chars_of(bytes);
   for (const std::string_view magic : {"BM", "GIF8", "RIFF", "DDS ", "\xABKTX", "8BPS", "sB"})
     if (start.starts_with(magic)) return true;
   const std::string extension = lower_case(fs::path(name).extension().string());
@@ -75,13 +70,12 @@ Result<Bytes> MeshBuilder::read(const std::string& file) {
 }
 
 void MeshBuilder::add_file(const std::string& file) {
-  if (std::find(mesh_.files.begin(), mesh_.files.end(), file) == mesh_.files.end())
-    mesh_.files.push_back(file);
+  if (std::ranges::find(mesh_.files, file) == mesh_.files.end()) mesh_.files.push_back(file);
 }
 
 std::optional<std::string> MeshBuilder::locate(std::string reference,
                                                const std::string& folder) const {
-  std::replace(reference.begin(), reference.end(), '\\', '/');
+  std::ranges::replace(reference, '\\', '/');
   const fs::path own = fs::path(path()).parent_path();
   const std::string decoded = decode_percent(reference);
   const fs::path last = fs::path(decoded).filename();
@@ -126,7 +120,7 @@ Result<std::size_t> MeshBuilder::texture(const std::string& reference, const std
 
 Result<std::size_t> MeshBuilder::texture(const std::string& name, ByteSpan bytes) {
   if (const auto known = textures_.find(name); known != textures_.end()) return known->second;
-  const bool png = text_of(bytes).starts_with("\x89PNG");
+  const bool png = chars_of(bytes).starts_with("\x89PNG");
   const auto image =
       png ? image_formats::decode_straight_png(name, bytes) : image_formats::decode(name, bytes);
   if (!image && is_other_picture(name, bytes))
@@ -226,8 +220,7 @@ void MeshBuilder::add(std::span<const std::uint32_t> polygon, std::uint32_t mate
 
 void MeshBuilder::note(const std::string& text) {
   std::vector<std::string>& notes = mesh_.notes;
-  if (notes.size() < 20 && std::find(notes.begin(), notes.end(), text) == notes.end())
-    notes.push_back(text);
+  if (notes.size() < 20 && std::ranges::find(notes, text) == notes.end()) notes.push_back(text);
 }
 
 Result<Mesh> MeshBuilder::finish() {
@@ -283,7 +276,7 @@ std::string decode_percent(std::string_view text) {
 
 std::string_view next_word(std::string_view& text) {
   const auto is_space = [](char c) { return c == ' ' || (c >= '\t' && c <= '\r'); };
-  const auto* begin = std::find_if_not(text.begin(), text.end(), is_space);
+  const auto* begin = std::ranges::find_if_not(text, is_space);
   const auto* end = std::find_if(begin, text.end(), is_space);
   text.remove_prefix(static_cast<std::size_t>(end - text.begin()));
   return {begin, static_cast<std::size_t>(end - begin)};

@@ -1,93 +1,27 @@
 #include "field/mesh/compact_json.h"
 
 #include <cmath>
-#include <nlohmann/json.hpp>
+#include <new>
 
 namespace slf {
 
-/// What nlohmann's parser, which needs no stack, calls.
-struct CompactJson::Builder : nlohmann::json_sax<nlohmann::json> {
-  CompactJson& to;
-  std::vector<std::uint32_t> open;
-  explicit Builder(CompactJson& json) : to(json) {}
-
-  bool add(Kind kind, double number = 0) {
-    to.nodes_.push_back({kind, static_cast<std::uint32_t>(to.nodes_.size() + 1), {number}});
-    return true;
-  }
-  bool null() override { return add(Kind::null); }
-  bool boolean(bool value) override { return add(value ? Kind::yes : Kind::no); }
-  bool number_integer(std::int64_t v) override { return add(Kind::number, static_cast<double>(v)); }
-  bool number_unsigned(std::uint64_t v) override {
-    return add(Kind::number, static_cast<double>(v));
-  }
-  bool number_float(double v, const std::string& /*text*/) override { return add(Kind::number, v); }
-  bool string(std::string& text) override {
-    add(Kind::text);
-    to.nodes_.back().text = {static_cast<std::uint32_t>(to.characters_.size()),
-                             static_cast<std::uint32_t>(text.size())};
-    to.characters_ += text;
-    return true;
-  }
-  bool key(std::string& text) override { return string(text); }
-  bool binary(nlohmann::json::binary_t& /*bytes*/) override { return false; }
-  bool start(Kind kind) {
-    open.push_back(static_cast<std::uint32_t>(to.nodes_.size()));
-    return add(kind);
-  }
-  bool finish() {
-    to.nodes_[open.back()].end = static_cast<std::uint32_t>(to.nodes_.size());
-    open.pop_back();
-    return true;
-  }
-  bool start_object(std::size_t /*members*/) override { return start(Kind::object); }
-  bool end_object() override { return finish(); }
-  bool start_array(std::size_t /*items*/) override { return start(Kind::array); }
-  bool end_array() override { return finish(); }
-  bool parse_error(std::size_t /*at*/, const std::string& /*token*/,
-                   const nlohmann::detail::exception& /*why*/) override {
-    return false;
-  }
-};
-
-std::optional<CompactJson> CompactJson::parse(std::string_view text) {
-  CompactJson json;
-  json.nodes_.reserve(text.size() / 8);
-  Builder builder(json);
-  if (!nlohmann::json::sax_parse(text, &builder)) return {};
-  return json;
-}
-
 JsonValue JsonValue::operator[](std::string_view member) const {
-  if (!text_ || text_->nodes_[at_].kind != CompactJson::Kind::object) return {};
-  const std::size_t end = text_->nodes_[at_].end;
-  std::size_t at = at_ + 1;
-  for (int k = 0; k < 1000 && at < end; ++k, at = text_->nodes_[at + 1].end)
-    if (JsonValue(*text_, at).text() == member) return {*text_, at + 1};
+  simdjson::dom::object members;
+  if (!element_ || element_->get(members) != simdjson::SUCCESS) return {};
+  int count = 0;
+  for (const auto& [key, value] : members) {
+    if (key == member) return JsonValue(value);
+    if (++count == 1000) break;
+  }
   return {};
 }
 
 std::vector<JsonValue> JsonValue::items() const {
   std::vector<JsonValue> items;
-  if (!text_ || text_->nodes_[at_].kind != CompactJson::Kind::array) return items;
-  for (std::size_t at = at_ + 1; at < text_->nodes_[at_].end; at = text_->nodes_[at].end)
-    items.push_back({*text_, at});
+  simdjson::dom::array values;
+  if (element_ && element_->get(values) == simdjson::SUCCESS)
+    for (const auto& value : values) items.emplace_back(value);
   return items;
-}
-
-bool JsonValue::is_text() const {
-  return text_ && text_->nodes_[at_].kind == CompactJson::Kind::text;
-}
-
-std::string_view JsonValue::text() const {
-  if (!is_text()) return {};
-  const auto& place = text_->nodes_[at_].text;
-  return std::string_view(text_->characters_).substr(place.at, place.length);
-}
-
-std::optional<double> JsonValue::number() const {
-  if (!text_ || text_->nodes_[at_].kind != CompactJson::Kind::number) return {};
-  return text_->nodes_[at_].number;
 }
 
 std::optional<std::uint64_t> JsonValue::index() const {
@@ -96,8 +30,15 @@ std::optional<std::uint64_t> JsonValue::index() const {
   return static_cast<std::uint64_t>(*value);
 }
 
-bool JsonValue::is_true() const {
-  return text_ && text_->nodes_[at_].kind == CompactJson::Kind::yes;
+std::optional<CompactJson> CompactJson::parse(std::string_view text) {
+  CompactJson json;
+  json.parser_ = std::make_unique<simdjson::dom::parser>();
+  simdjson::dom::element root;
+  const auto error = json.parser_->parse(text.data(), text.size()).get(root);
+  if (error == simdjson::MEMALLOC) throw std::bad_alloc();
+  if (error != simdjson::SUCCESS) return {};
+  json.root_ = JsonValue(root);
+  return json;
 }
 
 }  // namespace slf

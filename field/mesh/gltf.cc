@@ -1,14 +1,13 @@
 // glTF 2, text and binary.
-#include <array>
 #include <cmath>
 #include <glm/gtc/quaternion.hpp>
-#include <limits>
 #include <map>
 
 #include "base/base64.h"
 #include "base/try.h"
 #include "field/mesh/builder.h"
 #include "field/mesh/compact_json.h"
+#include "field/volume/fields.h"
 
 namespace slf {
 namespace {
@@ -27,6 +26,12 @@ bool is_read(std::string_view extension) {
   return extension.starts_with("KHR_materials_") || extension == kTransform ||
          extension == "KHR_mesh_quantization" || extension == "KHR_lights_punctual";
 }
+
+/// The types of components, by their numbers from 5120 on, and what stands for 1 if normalized.
+constexpr std::uint64_t kFirstType = 5120;
+constexpr ScalarType kTypes[] = {ScalarType::i8,  ScalarType::u8,  ScalarType::i16, ScalarType::u16,
+                                 ScalarType::u32, ScalarType::u32, ScalarType::f32};
+constexpr double kOnes[] = {127, 255, 32767, 65535, 1, 4294967295, 1};
 
 bool is_unsigned(std::uint64_t component) {
   return component == 5121 || component == 5123 || component == 5125;
@@ -114,8 +119,7 @@ class GltfReader {
 
   Result<void> open() {
     ByteSpan json = bytes_;
-    const auto* text = reinterpret_cast<const char*>(bytes_.data());
-    if (std::string_view(text, bytes_.size()).starts_with("glTF")) {
+    if (chars_of(bytes_).starts_with("glTF")) {
       constexpr std::size_t kHeader = 12, kChunk = 8;
       if (bytes_.size() < kHeader + kChunk) return to_.wrong("truncated in its header");
       const std::uint32_t version = load_le<std::uint32_t>(&bytes_[4]);
@@ -140,7 +144,7 @@ class GltfReader {
       return to_.error(ErrorCode::unsupported, "has ", json.size(),
                        " bytes of JSON; glTF files with up to ", kMaxJson,
                        " are read; export it as .glb");
-    std::string_view json_text(reinterpret_cast<const char*>(json.data()), json.size());
+    std::string_view json_text = chars_of(json);
     json_text = json_text.substr(0, json_text.find_last_not_of('\0') + 1);
     json_ = CompactJson::parse(json_text);
     if (!json_) return wrong("its JSON is damaged or truncated");
@@ -203,7 +207,7 @@ class GltfReader {
   Result<void> copy(const JsonValue& from, std::uint64_t type, bool normalized, std::size_t width,
                     std::uint64_t count, std::vector<T>& to) {
     const ByteSpan bytes = SLF_TRY(view(from["bufferView"]));
-    const std::uint64_t each = type <= 5121 ? 1 : type <= 5123 ? 2 : 4, size = each * width;
+    const std::uint64_t each = bytes_per_voxel(kTypes[type - kFirstType]), size = each * width;
     const JsonValue start = from["byteOffset"],
                     stated = views_[*from["bufferView"].index()]["byteStride"];
     const auto offset = start ? start.index() : 0;
@@ -213,30 +217,15 @@ class GltfReader {
       return wrong("an accessor, ", count, " elements of ", size,
                    " bytes, extends beyond its bufferView of ", bytes.size(), " bytes");
     to.resize(count * width);
-    const auto number = [&](const std::byte* at) -> double {
-      const auto small = std::to_integer<std::uint8_t>(*at);
-      switch (type) {
-        case 5120: {
-          const auto v = static_cast<std::int8_t>(small);
-          return normalized ? std::max(v / 127.0, -1.0) : v;
-        }
-        case 5121:
-          return normalized ? small / 255.0 : small;
-        case 5122: {
-          const auto v = static_cast<std::int16_t>(load_le<std::uint16_t>(at));
-          return normalized ? std::max(v / 32767.0, -1.0) : v;
-        }
-        case 5123:
-          return load_le<std::uint16_t>(at) / (normalized ? 65535.0 : 1.0);
-        case 5125:
-          return load_le<std::uint32_t>(at) / (normalized ? 4294967295.0 : 1.0);
-        default:
-          return std::bit_cast<float>(load_le<std::uint32_t>(at));
-      }
-    };
+    const volume_io::Fields fields{chars_of(bytes), false};
+    const ScalarType scalar = kTypes[type - kFirstType];
+    const double one = kOnes[type - kFirstType];
+    normalized = normalized && scalar != ScalarType::f32;
     for (std::size_t k = 0, i = 0; k < count; ++k)
-      for (std::size_t c = 0; c < width; ++c, ++i)
-        to[i] = static_cast<T>(number(&bytes[*offset + step * k + each * c]));
+      for (std::size_t c = 0; c < width; ++c, ++i) {
+        const double number = fields.number(scalar, *offset + step * k + each * c);
+        to[i] = static_cast<T>(normalized ? std::max(number / one, -1.0) : number);
+      }
     return {};
   }
 

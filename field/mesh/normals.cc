@@ -28,7 +28,7 @@ std::vector<std::uint32_t> weld(const std::vector<glm::vec3>& positions) {
     const glm::vec3& p = positions[k];
     return std::tuple(p.x, p.y, p.z);
   };
-  std::sort(order.begin(), order.end(), [&](std::uint32_t a, std::uint32_t b) {
+  std::ranges::sort(order, [&](std::uint32_t a, std::uint32_t b) {
     return std::tuple_cat(key(a), std::tuple(a)) < std::tuple_cat(key(b), std::tuple(b));
   });
   for (std::size_t k = 0; k < order.size(); ++k)
@@ -104,8 +104,7 @@ glm::vec3 unpack_normal(std::uint32_t packed) {
 }
 
 std::vector<std::uint32_t> corner_normals(const Mesh& mesh) {
-  const bool missing =
-      mesh.normals.empty() || !std::all_of(mesh.normals.begin(), mesh.normals.end(), is_direction);
+  const bool missing = mesh.normals.empty() || !std::ranges::all_of(mesh.normals, is_direction);
   std::optional<Smoother> smoother;
   if (missing) smoother.emplace(mesh);
   std::vector<std::uint32_t> packed;

@@ -1,12 +1,11 @@
 // Wavefront OBJ, with its material files.
 #include <algorithm>
 #include <array>
-#include <cmath>
 #include <filesystem>
 #include <map>
 #include <set>
 
-#include "base/lower_case.h"
+#include "base/ascii.h"
 #include "base/try.h"
 #include "field/mesh/builder.h"
 #include "field/mesh/surface.h"
@@ -23,7 +22,7 @@ constexpr int kMaxNeighbours = 16;
 constexpr std::size_t kMaxMaterials = 1 << 16;
 
 std::string_view text_of_bytes(ByteSpan bytes) {
-  std::string_view text(reinterpret_cast<const char*>(bytes.data()), bytes.size());
+  std::string_view text = chars_of(bytes);
   if (text.starts_with("\xEF\xBB\xBF")) text.remove_prefix(3);
   return text;
 }
@@ -76,8 +75,8 @@ Map map_of(std::string_view text) {
     // Each has one word, but for those with numbers, of which the last may be left out.
     constexpr std::array<std::pair<std::string_view, int>, 4> kNumbers{
         {{"-s", 3}, {"-o", 3}, {"-t", 3}, {"-mm", 2}}};
-    const auto* known = std::find_if(kNumbers.begin(), kNumbers.end(),
-                                     [&](const auto& entry) { return entry.first == option; });
+    const auto* known =
+        std::ranges::find_if(kNumbers, [&](const auto& entry) { return entry.first == option; });
     std::vector<double> numbers;
     if (known == kNumbers.end()) {
       const std::string_view value = next_word(rest);
@@ -202,7 +201,7 @@ class ObjReader {
     Material* to = nullptr;
     for (Lines lines(text_of_bytes(bytes)); lines.next();) {
       std::string_view rest = lines.line();
-      const std::string word = lower_case(std::string(next_word(rest)));
+      const std::string word = lower_case(next_word(rest));
       if (word == "newmtl") {
         const auto [entry, added] = names_.try_emplace(
             std::string(volume_io::trim(rest)), static_cast<std::uint32_t>(materials_.size()));
@@ -266,13 +265,13 @@ class ObjReader {
     if (found == to.texture) return {};
     const MeshTexture& mask = textures[found];
     MeshTexture made = textures[to.texture.value_or(found)];
-    if (!to.texture) std::fill(made.texels.begin(), made.texels.end(), glm::u8vec4(255));
+    if (!to.texture) std::ranges::fill(made.texels, glm::u8vec4(255));
     if (mask.width != made.width || mask.height != made.height)
       return to_.error(ErrorCode::unsupported, "its textures ", made.name, " and ", mask.name,
                        " differ in size (", made.width, "x", made.height, ", ", mask.width, "x",
                        mask.height, "); scale one of them");
-    const bool opaque = std::all_of(mask.texels.begin(), mask.texels.end(),
-                                    [](const glm::u8vec4& t) { return t.a == 255; });
+    const bool opaque =
+        std::ranges::all_of(mask.texels, [](const glm::u8vec4& t) { return t.a == 255; });
     for (std::size_t k = 0; k < made.texels.size(); ++k) {
       const unsigned share = opaque ? mask.texels[k].g : mask.texels[k].a;
       made.texels[k].a = static_cast<std::uint8_t>((made.texels[k].a * share + 127U) / 255U);

@@ -1,44 +1,20 @@
 // PLY, as text and in both byte orders.
 #include <algorithm>
 #include <array>
-#include <cmath>
 
-#include "base/lower_case.h"
+#include "base/ascii.h"
 #include "base/try.h"
 #include "field/mesh/builder.h"
+#include "field/volume/fields.h"
 #include "field/volume/io.h"
 
 namespace slf {
 namespace {
 
-enum class Type : std::uint8_t { i8, u8, i16, u16, i32, u32, f32, f64 };
-constexpr std::array<std::uint64_t, 8> kSizes{1, 1, 2, 2, 4, 4, 4, 8};
-
-std::optional<Type> type_of(std::string_view name) {
-  for (const auto& [text, type] : {std::pair{"char", Type::i8},
-                                   {"int8", Type::i8},
-                                   {"uchar", Type::u8},
-                                   {"uint8", Type::u8},
-                                   {"short", Type::i16},
-                                   {"int16", Type::i16},
-                                   {"ushort", Type::u16},
-                                   {"uint16", Type::u16},
-                                   {"int", Type::i32},
-                                   {"int32", Type::i32},
-                                   {"uint", Type::u32},
-                                   {"uint32", Type::u32},
-                                   {"float", Type::f32},
-                                   {"float32", Type::f32},
-                                   {"double", Type::f64},
-                                   {"float64", Type::f64}})
-    if (name == text) return type;
-  return {};
-}
-
 struct Property {
   std::string name;
-  Type type = Type::f32;
-  std::optional<Type> length{};  // of a list
+  ScalarType type = ScalarType::f32;
+  std::optional<ScalarType> length{};  // of a list
 };
 
 struct Element {
@@ -66,16 +42,15 @@ std::array<int, 4> find_color(const Element& element) {
 
 class PlyReader {
  public:
-  PlyReader(ByteSpan bytes, MeshBuilder& to)
-      : rest_(reinterpret_cast<const char*>(bytes.data()), bytes.size()), to_(to) {}
+  PlyReader(ByteSpan bytes, MeshBuilder& to) : rest_(chars_of(bytes)), to_(to) {}
 
   Result<void> read() {
     SLF_TRY(read_header());
-    const auto faces = std::count_if(elements_.begin(), elements_.end(), [](const Element& e) {
+    const auto faces = std::ranges::count_if(elements_, [](const Element& e) {
       return e.count > 0 && (e.name == "face" || e.name == "tristrips");
     });
-    const auto points = std::find_if(elements_.begin(), elements_.end(),
-                                     [](const Element& e) { return e.name == "vertex"; });
+    const auto points =
+        std::ranges::find_if(elements_, [](const Element& e) { return e.name == "vertex"; });
     if (points == elements_.end() || points->count == 0) return to_.wrong("PLY: has no vertices");
     for (const Element& e : elements_) SLF_TRY(check_size(e));
     if (faces == 0) {
@@ -123,7 +98,7 @@ class PlyReader {
         big_endian_ = name == "binary_big_endian";
         if (!ascii_ && !big_endian_ && name != "binary_little_endian") return malformed();
       } else if (word == "comment") {
-        if (lower_case(std::string(next_word(words))) == "texturefile")
+        if (lower_case(next_word(words)) == "texturefile")
           textures_.emplace_back(volume_io::trim(words));
       } else if (word == "element") {
         const std::string_view name = next_word(words);
@@ -132,14 +107,15 @@ class PlyReader {
         elements_.push_back({std::string(name), static_cast<std::uint64_t>(*count)});
       } else if (word == "property") {
         std::string_view type = next_word(words);
-        std::optional<Type> length;
-        const bool list = type == "list";
-        if (list) {
-          length = type_of(next_word(words));
+        std::optional<ScalarType> length;
+        if (type == "list") {
+          const auto stated = parse_scalar_type(next_word(words));
+          if (!stated) return malformed();
+          length = *stated;
           type = next_word(words);
         }
-        const auto own = type_of(type);
-        if (!own || (list && !length) || elements_.empty()) return malformed();
+        const auto own = parse_scalar_type(type);
+        if (!own || elements_.empty()) return malformed();
         elements_.back().properties.push_back({std::string(next_word(words)), *own, length});
       } else if (word == "end_header") {
         return known ? Result<void>() : to_.wrong("PLY: its header has no format");
@@ -154,7 +130,7 @@ class PlyReader {
   [[nodiscard]] Result<void> check_size(const Element& element) const {
     std::uint64_t least = 0;
     for (const Property& p : element.properties)
-      least += ascii_ ? 2 : kSizes[static_cast<std::size_t>(p.length.value_or(p.type))];
+      least += ascii_ ? 2 : bytes_per_voxel(p.length.value_or(p.type));
     if (element.count * least > rest_.size() + 1)
       return to_.wrong("says that it has ", element.count, " elements '", element.name,
                        "', but it has only ", rest_.size(),
@@ -173,42 +149,15 @@ class PlyReader {
   }
 
   /// One number of the data. False: there is none.
-  bool take(Type type, double& value) {
+  bool take(ScalarType type, double& value) {
     if (ascii_) {
       const auto number = number_of(next_word(rest_));
       value = number.value_or(0);
       return number.has_value();
     }
-    const std::size_t size = kSizes[static_cast<std::size_t>(type)];
+    const std::size_t size = bytes_per_voxel(type);
     if (rest_.size() < size) return false;
-    const auto* from = reinterpret_cast<const std::byte*>(rest_.data());
-    const auto load = [&]<class T>(T) { return big_endian_ ? load_be<T>(from) : load_le<T>(from); };
-    switch (type) {
-      case Type::i8:
-        value = static_cast<std::int8_t>(load(std::uint8_t{}));
-        break;
-      case Type::u8:
-        value = load(std::uint8_t{});
-        break;
-      case Type::i16:
-        value = static_cast<std::int16_t>(load(std::uint16_t{}));
-        break;
-      case Type::u16:
-        value = load(std::uint16_t{});
-        break;
-      case Type::i32:
-        value = static_cast<std::int32_t>(load(std::uint32_t{}));
-        break;
-      case Type::u32:
-        value = load(std::uint32_t{});
-        break;
-      case Type::f32:
-        value = std::bit_cast<float>(load(std::uint32_t{}));
-        break;
-      case Type::f64:
-        value = std::bit_cast<double>(load(std::uint64_t{}));
-        break;
-    }
+    value = volume_io::Fields{rest_, big_endian_}.number(type, 0);
     rest_.remove_prefix(size);
     return true;
   }
@@ -220,7 +169,7 @@ class PlyReader {
                strips = element.name == "tristrips";
     const std::array<int, 3> position{element.find({"x"}), element.find({"y"}),
                                       element.find({"z"})};
-    if (vertex && *std::min_element(position.begin(), position.end()) < 0)
+    if (vertex && *std::ranges::min_element(position) < 0)
       return to_.wrong("PLY: its vertices have no x, y and z");
     const std::array<int, 3> normal{element.find({"nx"}), element.find({"ny"}),
                                     element.find({"nz"})};
@@ -241,10 +190,10 @@ class PlyReader {
       glm::vec4 rgba(1);
       for (int c = 0; c < 4; ++c)
         if (const int k = color[static_cast<std::size_t>(c)]; k >= 0) {
-          const Type type = element.properties[static_cast<std::size_t>(k)].type;
-          const double most = type >= Type::f32                        ? 1
-                              : type == Type::u16 || type == Type::i16 ? 65535
-                                                                       : 255;
+          const ScalarType type = element.properties[static_cast<std::size_t>(k)].type;
+          const double most = type >= ScalarType::f32      ? 1
+                              : bytes_per_voxel(type) == 2 ? 65535
+                                                           : 255;
           rgba[c] = static_cast<float>(value(k) / most);
         }
       return color_bytes(rgba, false);

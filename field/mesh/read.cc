@@ -3,8 +3,8 @@
 #include <array>
 #include <filesystem>
 
+#include "base/ascii.h"
 #include "base/guarded.h"
-#include "base/lower_case.h"
 #include "base/try.h"
 #include "field/mesh/builder.h"
 #include "slf/mesh.h"
@@ -15,18 +15,18 @@ namespace {
 constexpr std::array<std::string_view, 5> kExtensions{"glb", "gltf", "obj", "ply", "stl"};
 
 std::string extension_of(std::string_view path) {
-  const std::string extension = lower_case(std::filesystem::path(path).extension());
+  const std::string extension = lower_case(std::filesystem::path(path).extension().string());
   return extension.empty() ? extension : extension.substr(1);
 }
 
 }  // namespace
 
 bool is_mesh_name(std::string_view path) {
-  return std::find(kExtensions.begin(), kExtensions.end(), extension_of(path)) != kExtensions.end();
+  return std::ranges::find(kExtensions, extension_of(path)) != kExtensions.end();
 }
 
 Result<Mesh> read_mesh(const std::string& path, UpAxis up) {
-  auto made = guarded([&]() -> Result<Mesh> {
+  const auto read = [&]() -> Result<Mesh> {
     const std::string extension = extension_of(path);
     const bool gltf = extension.starts_with("gl");
     const bool y_up = up == UpAxis::y || (up == UpAxis::by_format && (gltf || extension == "obj"));
@@ -39,9 +39,10 @@ Result<Mesh> read_mesh(const std::string& path, UpAxis up) {
                                              : read_stl;
     SLF_TRY(reader(bytes, builder));
     return builder.finish();
-  });
-  if (!made && made.error().message.find(path) == std::string::npos)
-    return fail(made.error().code, path, ": ", made.error().message);
+  };
+  Result<Mesh> made;
+  const auto done = guarded([&] { made = read(); });
+  if (!done) return fail(done.error().code, path, ": ", done.error().message);
   return made;
 }
 

@@ -1,7 +1,7 @@
 // STL, as text and binary.
 #include <array>
 
-#include "base/lower_case.h"
+#include "base/ascii.h"
 #include "base/try.h"
 #include "field/mesh/builder.h"
 #include "field/volume/io.h"
@@ -14,14 +14,14 @@ constexpr std::size_t kHeader = 84, kFacet = 50;
 /// Many programs begin binary files with "solid", too. Text has no zeros.
 bool is_text(std::string_view bytes) {
   const std::string_view start = volume_io::trim(bytes.substr(0, 4096));
-  return lower_case(std::string(start.substr(0, 5))) == "solid" && start.find('\0') == start.npos;
+  return lower_case(start.substr(0, 5)) == "solid" && start.find('\0') == start.npos;
 }
 
 Result<void> read_text(std::string_view text, MeshBuilder& to) {
   bool open = false;  // a solid that does not end yet
   std::vector<std::uint32_t> corners;
   while (!text.empty() && !to.full()) {
-    const std::string word = lower_case(std::string(next_word(text)));
+    const std::string word = lower_case(next_word(text));
     if (word == "solid" || word == "endsolid") {
       open = word == "solid";
       (void)next_line(text);  // its name
@@ -84,7 +84,7 @@ Result<void> read_binary(ByteSpan bytes, MeshBuilder& to) {
 }  // namespace
 
 Result<void> read_stl(ByteSpan bytes, MeshBuilder& to) {
-  const std::string_view text(reinterpret_cast<const char*>(bytes.data()), bytes.size());
+  const std::string_view text = chars_of(bytes);
   SLF_TRY(is_text(text) ? read_text(text, to) : read_binary(bytes, to));
   MeshMaterial material;
   if (to.mesh().colors.empty()) material.color = glm::vec4(glm::vec3(kPlainColor), 1);

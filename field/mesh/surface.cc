@@ -77,9 +77,7 @@ RTCRay make_ray(const glm::dvec3& from, const glm::dvec3& direction, double near
 }  // namespace
 
 Result<void> check_mesh(const Mesh& mesh) {
-  const auto wrong = [&](const auto&... what) {
-    return fail(ErrorCode::usage, mesh.source, ": mesh: ", what...);
-  };
+  const auto wrong = [&](const auto&... what) { return misuse(mesh.source, "mesh: ", what...); };
   const std::size_t vertices = mesh.positions.size();
   const auto fits = [&](std::size_t size) { return size == 0 || size == vertices; };
   if (mesh.triangles.empty()) return wrong("no triangles");
@@ -90,7 +88,7 @@ Result<void> check_mesh(const Mesh& mesh) {
   for (std::size_t k = 0; k < vertices; ++k)
     for (int axis = 0; axis < 3; ++axis)
       if (!std::isfinite(mesh.positions[k][axis]))
-        return fail(ErrorCode::bad_file, mesh.source, ": vertex ", k, " is not finite");
+        return bad_file(mesh.source, "vertex ", k, " is not finite");
   for (std::size_t k = 0; k < mesh.triangles.size(); ++k)
     for (int c = 0; c < 3; ++c)
       if (mesh.triangles[k][c] >= vertices)
@@ -159,8 +157,7 @@ Result<std::unique_ptr<MeshSurface>> MeshSurface::make(Mesh mesh) {
   if (mesh.materials.empty()) mesh.materials.emplace_back();
   SLF_TRY(check_mesh(mesh));
   if (!can_be_seen(mesh))
-    return fail(ErrorCode::bad_file, mesh.source,
-                ": nothing can be seen: all of its materials are transparent");
+    return bad_file(mesh.source, "nothing can be seen: all of its materials are transparent");
   std::unique_ptr<MeshSurface> surface(new MeshSurface(std::move(mesh)));
   SLF_TRY(surface->place());
   surface->put_holes_last();
@@ -186,8 +183,8 @@ Result<void> MeshSurface::place() {
   for (int axis = 0; axis < 3; ++axis)
     if (const double most = std::max(-low[axis], high[axis]) + std::abs(mesh_.origin[axis]);
         most > kMaxCoordinate)
-      return fail(ErrorCode::unsupported, mesh_.source, ": coordinates reach ", most,
-                  "; expected up to ", kMaxCoordinate, "; use larger units");
+      return unsupported(mesh_.source, "coordinates reach ", most, "; expected up to ",
+                         kMaxCoordinate, "; use larger units");
   const glm::dvec3 middle = (low + high) / 2.0;
   center_ = mesh_.origin + middle;
   double radius2 = 0;
@@ -198,8 +195,8 @@ Result<void> MeshSurface::place() {
     }
   const double radius = std::sqrt(radius2);
   if (radius < kMinRadius)
-    return fail(ErrorCode::unsupported, mesh_.source, ": all triangles lie within ", radius,
-                " of one point; expected at least ", kMinRadius, "; use smaller units");
+    return unsupported(mesh_.source, "all triangles lie within ", radius,
+                       " of one point; expected at least ", kMinRadius, "; use smaller units");
   bounds_ = {center_, 1.001 * radius};  // rays must not start in a triangle
   // A power of 2: only the subtraction rounds.
   unit_ = std::exp2(std::ceil(std::log2(radius)));
@@ -210,8 +207,7 @@ Result<void> MeshSurface::place() {
         glm::cross(glm::dvec3(positions[t[1]]) - p, glm::dvec3(positions[t[2]]) - p);
     if (glm::dot(n, n) > 0) return {};
   }
-  return fail(ErrorCode::bad_file, mesh_.source, ": none of its ", mesh_.triangles.size(),
-              " triangles has an area");
+  return bad_file(mesh_.source, "none of its ", mesh_.triangles.size(), " triangles has an area");
 }
 
 void MeshSurface::put_holes_last() {
@@ -222,7 +218,7 @@ void MeshSurface::put_holes_last() {
   };
   std::vector<glm::uvec3> triangles;
   std::vector<std::uint32_t> materials;
-  const bool holes = !std::all_of(mesh_.material_of.begin(), mesh_.material_of.end(), opaque);
+  const bool holes = !std::ranges::all_of(mesh_.material_of, opaque);
   opaque_ = count;
   if (!holes) return;
   for (const bool wanted : {true, false}) {

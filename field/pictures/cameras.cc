@@ -2,15 +2,13 @@
 
 #include <algorithm>
 #include <cmath>
-#include <filesystem>
 #include <numbers>
 #include <set>
 
+#include "base/ascii.h"
 #include "base/file.h"
-#include "base/lower_case.h"
 #include "base/try.h"
 #include "field/geometry/directions.h"
-#include "field/image/formats.h"
 
 namespace slf {
 namespace {
@@ -30,7 +28,7 @@ std::vector<std::string> PictureSet::files() const {
 
 Result<PictureSet> read_cameras(const std::string& path) {
   const auto bytes = SLF_TRY(read_file(path, cameras::kMaxFileBytes));
-  const std::string_view text(reinterpret_cast<const char*>(bytes.data()), bytes.size());
+  const std::string_view text = chars_of(bytes);
   const std::string folder = fs::path(path).parent_path().string();
   if (path.ends_with(".csv")) return cameras::parse_cinema(text, path, folder);
   return cameras::parse_transforms(text, path, folder);
@@ -68,9 +66,9 @@ Result<PictureSet> read_model(const std::string& model_folder, const std::string
       if (extension == picture) without += named.count(it->path().lexically_normal().string()) == 0;
   }
   if (without > 0)
-    set->notes.push_back(std::to_string(without) +
-                         " pictures without a camera, which the model could not place, are not "
-                         "used");
+    set->notes.push_back(
+        std::to_string(without) +
+        " pictures without a camera, which the model could not place, are not used");
   return set;
 }
 
@@ -91,9 +89,10 @@ Result<PictureSet> read_folder(const std::string& folder) {
     }
     return read_model(model, pictures);
   }
-  return fail(ErrorCode::bad_file, folder,
-              ": no cameras; expected transforms.json, transforms_train.json, data.csv of a Cinema "
-              "database, or COLMAP's cameras.bin and images.bin here, in sparse or in sparse/0");
+  return bad_file(
+      folder,
+      "no cameras; expected transforms.json, transforms_train.json, data.csv of a Cinema database, "
+      "or COLMAP's cameras.bin and images.bin here, in sparse or in sparse/0");
 }
 
 }  // namespace
@@ -110,16 +109,16 @@ Result<image_formats::ImageSize> check_picture(const std::string& source, const 
   const Lens& lens = picture.lens;
   if (size == image_formats::ImageSize{lens.width, lens.height}) return size;
   if (size.width == lens.height && size.height == lens.width)
-    return fail(ErrorCode::bad_file, picture.file, ": is ", size.width, "x", size.height,
-                " pixels, transposed beside its camera of ", lens.width, "x", lens.height,
-                ": it was turned after the cameras were found; turn it back, and remove the "
-                "orientation from its EXIF data");
+    return bad_file(picture.file, "is ", size.width, "x", size.height,
+                    " pixels, transposed beside its camera of ", lens.width, "x", lens.height,
+                    ": it was turned after the cameras were found; turn it back, and remove the "
+                    "orientation from its EXIF data");
   // Rounded sizes differ by up to a pixel.
   const double sx = 1.0 * size.width / lens.width, sy = 1.0 * size.height / lens.height;
   if (std::abs(lens.width * sy - size.width) > 1.5 &&
       std::abs(lens.height * sx - size.height) > 1.5)
-    return fail(ErrorCode::bad_file, picture.file, ": is ", size.width, "x", size.height,
-                " pixels; its camera has another shape, ", lens.width, "x", lens.height);
+    return bad_file(picture.file, "is ", size.width, "x", size.height,
+                    " pixels; its camera has another shape, ", lens.width, "x", lens.height);
   return size;
 }
 
@@ -169,10 +168,10 @@ Result<void> cameras::check_sizes(PictureSet& set) {
   if (without_depths > 0)
     set.notes.push_back(std::to_string(without_depths) + " pictures of depths are missing");
   if (scaled > 0)
-    set.notes.push_back(std::to_string(scaled) +
-                        " cameras were found at another size than their pictures have, and are "
-                        "scaled (" +
-                        example + ")");
+    set.notes.push_back(
+        std::to_string(scaled) +
+        " cameras were found at another size than their pictures have, and are scaled (" + example +
+        ")");
   return {};
 }
 

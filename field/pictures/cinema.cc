@@ -3,16 +3,14 @@
 // turned around its focal point, from the front with z up. Nothing states the distance, so the
 // world is chosen: the sphere around the object has radius 1, and fits the pictures.
 #include <algorithm>
-#include <charconv>
 #include <cmath>
-#include <map>
 #include <numbers>
 #include <set>
 
-#include "base/lower_case.h"
+#include "base/ascii.h"
 #include "base/try.h"
-#include "field/image/formats.h"
 #include "field/pictures/cameras.h"
+#include "field/volume/io.h"
 
 namespace slf::cameras {
 namespace {
@@ -21,38 +19,6 @@ constexpr double kViewAngle = 30;  // degrees, of the height: the default of VTK
 constexpr std::size_t kMaxColumns = 1000;
 
 using Row = std::vector<std::string>;
-
-/// The next row of a table, whose cells may be in double quotes; empty at the end.
-Row next_row(std::string_view& text) {
-  Row row;
-  while (!text.empty() && row.empty()) {
-    std::string cell;
-    bool quoted = false, any = false;
-    for (bool line = true; line && !text.empty(); text.remove_prefix(1)) {
-      const char c = text.front();
-      if (quoted && c == '"' && text.substr(1).starts_with('"')) {
-        cell += c;
-        text.remove_prefix(1);
-      } else if (c == '"') {
-        quoted = !quoted;
-      } else if (!quoted && c == ',') {
-        row.push_back(std::move(cell));
-        cell.clear();
-        any = true;
-      } else if (!quoted && c == '\n') {
-        line = false;
-      } else if (quoted || c != '\r') {
-        cell += c;
-      }
-    }
-    if (any || !cell.empty()) row.push_back(std::move(cell));  // an empty line is none
-  }
-  for (std::string& cell : row) {
-    cell.erase(0, std::min(cell.find_first_not_of(" \t"), cell.size()));
-    cell.erase(cell.find_last_not_of(" \t") + 1);
-  }
-  return row;
-}
 
 /// What the columns of a table hold.
 struct Columns {
@@ -81,11 +47,8 @@ Columns columns_of(const Row& names) {
 }
 
 std::optional<double> number_in(const std::string& cell) {
-  double value = 0;
-  const auto [end, error] = std::from_chars(cell.data(), cell.data() + cell.size(), value);
-  if (error != std::errc() || end != cell.data() + cell.size() || !(std::abs(value) < 1e6))
-    return std::nullopt;
-  return value;
+  const auto value = volume_io::parse_number(cell);
+  return value && std::abs(*value) < 1e6 ? value : std::nullopt;
 }
 
 /// Turns a camera at the front by `phi` around the vertical axis and then by `theta` upwards, as
@@ -103,14 +66,19 @@ void set_place(double phi, double theta, double distance, Picture& picture) {
 
 Result<PictureSet> parse_cinema(std::string_view text, const std::string& name,
                                 const std::string& folder) {
-  const Row names = next_row(text);
+  std::size_t at = 0, line = 1;
+  const auto next_row = [&] {  // empty at the end
+    Row row;
+    while (at < text.size() && (row.empty() || (row.size() == 1 && row[0].empty())))
+      row = volume_io::next_row(text, at, line);
+    return row.size() == 1 && row[0].empty() ? Row() : row;
+  };
+  const Row names = next_row();
   if (names.size() > kMaxColumns)
-    return fail(ErrorCode::unsupported, name, ": ", names.size(), " columns; up to ", kMaxColumns,
-                " are read");
+    return unsupported(name, names.size(), " columns; up to ", kMaxColumns, " are read");
   const Columns columns = columns_of(names);
   if (!columns.phi || !columns.theta || !columns.file)
-    return fail(ErrorCode::bad_file, name,
-                ": expected a Cinema database with columns phi, theta and FILE");
+    return bad_file(name, "expected a Cinema database with columns phi, theta and FILE");
   PictureSet set;
   set.source = name;
   std::vector<std::set<std::string>> values(columns.parameters.size());
@@ -118,10 +86,10 @@ Result<PictureSet> parse_cinema(std::string_view text, const std::string& name,
   FileFinder finder(folder);
   LeftOut left_out;
   std::size_t number = 1, others = 0;
-  for (Row row = next_row(text); !row.empty(); row = next_row(text)) {
+  for (Row row = next_row(); !row.empty(); row = next_row()) {
     const std::string place = name + ": row " + std::to_string(++number);
     if (row.size() != columns.count)
-      return fail(ErrorCode::bad_file, place, ": ", row.size(), " cells; expected ", columns.count);
+      return bad_file(place, row.size(), " cells; expected ", columns.count);
     if (first.empty()) first = row;
     bool same = true;  // one picture for each direction: of the first row's parameters
     for (std::size_t k = 0; k < columns.parameters.size(); ++k) {
@@ -134,11 +102,11 @@ Result<PictureSet> parse_cinema(std::string_view text, const std::string& name,
       continue;
     }
     if (set.pictures.size() >= kMaxPictures)
-      return fail(ErrorCode::unsupported, name, ": more than ", kMaxPictures, " pictures");
+      return unsupported(name, "more than ", kMaxPictures, " pictures");
     const auto phi = number_in(row[*columns.phi]), theta = number_in(row[*columns.theta]);
     const auto angle = columns.angle ? number_in(row[*columns.angle]) : kViewAngle;
     if (!phi || !theta || !angle || !(*angle > 0.01 && *angle < 179))
-      return fail(ErrorCode::bad_file, place, ": phi, theta or view_angle is no number of degrees");
+      return bad_file(place, "phi, theta or view_angle is no number of degrees");
     Picture picture;
     picture.name = row[*columns.file];
     picture.file = finder.find(picture.name);
@@ -161,10 +129,10 @@ Result<PictureSet> parse_cinema(std::string_view text, const std::string& name,
     set.pictures.push_back(std::move(picture));
   }
   SLF_TRY(left_out.settle(set.pictures.size(), set.notes));
-  if (set.pictures.empty()) return fail(ErrorCode::bad_file, name, ": has no pictures");
+  if (set.pictures.empty()) return bad_file(name, "has no pictures");
   set.notes.push_back(
-      "the database states no distances: the sphere around the object is taken to "
-      "have radius 1 and to fit the pictures" +
+      "the database states no distances: the sphere around the object is taken to have radius 1 "
+      "and to fit the pictures" +
       std::string(columns.angle ? "" : ", and the view angle to be 30 degrees"));
   if (others > 0) {
     std::string chosen;

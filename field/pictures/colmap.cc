@@ -1,15 +1,16 @@
 // COLMAP's sparse models, binary and text. Cameras look along +z with y down; a picture's rotation
 // and translation take the world to camera space. Newer versions add files of rigs and frames,
 // which repeat what the files of images say.
-#include <charconv>
+#include <bit>
 #include <cmath>
 #include <filesystem>
 #include <map>
-#include <sstream>
+#include <utility>
 
 #include "base/file.h"
 #include "base/try.h"
 #include "field/pictures/cameras.h"
+#include "field/volume/io.h"
 
 namespace slf::cameras {
 namespace {
@@ -67,86 +68,96 @@ Lens make_lens(std::size_t model, std::uint64_t width, std::uint64_t height,
   return lens;
 }
 
-/// Values one after another: numbers of fixed sizes, or words of lines.
-class Input {
+/// The records of a file, one after another: numbers of fixed sizes, or lines of words.
+class Records {
  public:
-  explicit Input(ByteSpan bytes) : bytes_(bytes) {}
+  Records(ByteSpan bytes, bool as_text) : rest_(chars_of(bytes)), as_text_(as_text) {
+    if (!as_text_) left_ = integer(8);
+  }
 
+  /// Whether all of the record was there so far.
   [[nodiscard]] bool ok() const { return ok_; }
-  [[nodiscard]] std::size_t left() const { return bytes_.size() - at_; }
+  [[nodiscard]] std::string_view line() const { return line_; }
 
-  template <std::unsigned_integral T>
-  T integer() {
-    if (sizeof(T) > left()) return stop<T>();
-    const T value = load_le<T>(&bytes_[at_]);
-    at_ += sizeof(T);
+  /// Goes to the next record. False: there is none.
+  bool next() {
+    if (as_text_) return next_line(false);
+    return ok_ && left_ > 0 && left_-- > 0;
+  }
+  /// Goes to the next line that is no comment.
+  bool next_line(bool empty_ones) {
+    ok_ = true;
+    for (std::size_t at = 0; !rest_.empty(); at = 0) {
+      line_ = volume_io::next_line(rest_, at);
+      rest_.remove_prefix(at);
+      if (!line_.starts_with('#') && (empty_ones || !line_.empty())) return true;
+    }
+    return false;
+  }
+  std::string_view word() {
+    line_ = volume_io::trim(line_);
+    const std::string_view word = line_.substr(0, line_.find_first_of(" \t"));
+    line_.remove_prefix(word.size());
+    return word;
+  }
+  /// An integer without sign, of so many bytes.
+  std::uint64_t integer(std::size_t bytes) {
+    if (as_text_) {
+      const auto value = volume_io::parse_integer(word());
+      ok_ = ok_ && value && *value >= 0;
+      return ok_ ? static_cast<std::uint64_t>(*value) : 0;
+    }
+    const std::string_view stored = take(bytes);
+    std::uint64_t value = 0;
+    for (std::size_t k = stored.size(); k-- > 0;)
+      value = value << 8 | static_cast<unsigned char>(stored[k]);
     return value;
   }
-  double real() { return std::bit_cast<double>(integer<std::uint64_t>()); }
+  double real() {
+    if (!as_text_) return std::bit_cast<double>(integer(8));
+    const auto value = volume_io::parse_number(word());
+    ok_ = ok_ && value;
+    return value.value_or(0);
+  }
+  /// Text up to a zero, or the end of the line.
   std::string name() {
-    std::string text;
-    while (left() > 0 && bytes_[at_] != std::byte{0}) text += static_cast<char>(bytes_[at_++]);
-    if (left() == 0) return stop<std::string>();
-    ++at_;
-    return text;
+    if (as_text_) return std::string(volume_io::trim(std::exchange(line_, {})));
+    const std::string_view text = take(rest_.find('\0'));
+    take(1);
+    return std::string(text);
   }
-  void skip(std::uint64_t bytes) {
-    if (bytes > left())
-      stop<int>();
-    else
-      at_ += bytes;
+  /// The next bytes, or none if there are fewer.
+  std::string_view take(std::uint64_t bytes) {
+    ok_ = ok_ && bytes <= rest_.size();
+    const std::string_view taken = ok_ ? rest_.substr(0, bytes) : std::string_view();
+    rest_.remove_prefix(taken.size());
+    return taken;
   }
-  /// The next line that is no comment; none at the end.
-  std::optional<std::string> line(bool empty_ones) {
-    while (at_ < bytes_.size()) {
-      std::string text;
-      while (at_ < bytes_.size() && bytes_[at_] != std::byte{'\n'})
-        text += static_cast<char>(bytes_[at_++]);
-      ++at_;
-      if (!text.empty() && text.back() == '\r') text.pop_back();
-      if (!text.starts_with('#') && (empty_ones || !text.empty())) return text;
-    }
-    at_ = bytes_.size();
-    return std::nullopt;
+  /// Skips a list of items of so many bytes.
+  void skip_list(std::uint64_t bytes) {
+    const std::uint64_t count = integer(8);
+    take(count > rest_.size() / bytes ? rest_.size() + 1 : count * bytes);
   }
 
  private:
-  template <class T>
-  T stop() {
-    ok_ = false;
-    at_ = bytes_.size();
-    return T{};
-  }
-
-  ByteSpan bytes_;
-  std::size_t at_ = 0;
-  bool ok_ = true;
+  std::string_view rest_, line_;
+  bool as_text_, ok_ = true;
+  std::uint64_t left_ = 0;
 };
 
-struct Words {
-  explicit Words(const std::string& line) : stream(line) { stream.imbue(std::locale::classic()); }
-  template <class T>
-  T next() {
-    T value{};
-    stream >> value;
-    return value;
-  }
-  std::istringstream stream;
-};
-
-Result<void> add_camera(const std::string& file, std::uint64_t id, std::int64_t model,
+Result<void> add_camera(const std::string& file, std::uint64_t id, std::size_t model,
                         std::uint64_t width, std::uint64_t height, const std::vector<double>& p,
                         std::map<std::uint64_t, Lens>& lenses) {
   if (width < 1 || height < 1 || width > 65536 || height > 65536)
-    return fail(ErrorCode::bad_file, file, ": camera ", id, ": a size of ", width, "x", height,
-                " pixels; expected 1 to 65536");
+    return bad_file(file, "camera ", id, ": a size of ", width, "x", height,
+                    " pixels; expected 1 to 65536");
   for (const double value : p)
     if (!(std::abs(value) < 1e12))
-      return fail(ErrorCode::bad_file, file, ": camera ", id, ": a parameter is not finite");
-  const Lens lens = make_lens(static_cast<std::size_t>(model), width, height, p);
+      return bad_file(file, "camera ", id, ": a parameter is not finite");
+  const Lens lens = make_lens(model, width, height, p);
   if (!(lens.fx > 0 && lens.fy > 0))
-    return fail(ErrorCode::bad_file, file, ": camera ", id, ": focal lengths ", lens.fx, " and ",
-                lens.fy, "; expected above 0");
+    return bad_file(file, "camera ", id, ": focal lengths ", lens.fx, " and ", lens.fy,
+                    "; expected above 0");
   lenses[id] = lens;
   return {};
 }
@@ -155,44 +166,33 @@ tl::unexpected<Error> unknown_model(const std::string& file, std::uint64_t id,
                                     const std::string& model) {
   std::string known;
   for (const Model& m : kModels) known += (known.empty() ? "" : ", ") + std::string(m.name);
-  return fail(ErrorCode::unsupported, file, ": camera ", id, ": model ", model, "; known: ", known);
+  return unsupported(file, "camera ", id, ": model ", model, "; known: ", known);
 }
 
 Result<std::map<std::uint64_t, Lens>> read_lenses(const ColmapModel& model) {
   const std::string file = model.folder + (model.text ? "/cameras.txt" : "/cameras.bin");
   std::map<std::uint64_t, Lens> lenses;
-  Input in(model.cameras);
+  Records in(model.cameras, model.text);
   const auto truncated = [&] {
-    return fail(ErrorCode::bad_file, file, ": ends within a camera, after ", lenses.size());
+    return bad_file(file, "ends within a camera, after ", lenses.size());
   };
-  if (model.text) {
-    while (const auto line = in.line(false)) {
-      Words words(*line);
-      const auto id = words.next<std::uint64_t>();
-      const auto name = words.next<std::string>();
-      const auto width = words.next<std::uint64_t>(), height = words.next<std::uint64_t>();
-      std::size_t number = 0;
+  while (in.next()) {
+    const auto id = in.integer(4);
+    std::uint64_t number = 0;
+    std::string name;
+    if (model.text) {
+      name = in.word();
       while (number < std::size(kModels) && kModels[number].name != name) ++number;
-      if (!words.stream) return truncated();
-      if (number == std::size(kModels)) return unknown_model(file, id, name);
-      std::vector<double> p(kModels[number].parameters);
-      for (double& value : p) value = words.next<double>();
-      if (!words.stream) return truncated();
-      SLF_TRY(add_camera(file, id, static_cast<std::int64_t>(number), width, height, p, lenses));
+    } else {
+      number = in.integer(4);
+      name = "number " + std::to_string(number);
     }
-    return lenses;
-  }
-  const auto count = in.integer<std::uint64_t>();
-  for (std::uint64_t k = 0; in.ok() && k < count; ++k) {
-    const auto id = in.integer<std::uint32_t>();
-    const auto number = in.integer<std::uint32_t>();
-    const auto width = in.integer<std::uint64_t>(), height = in.integer<std::uint64_t>();
-    if (!in.ok()) break;
-    if (number >= std::size(kModels))
-      return unknown_model(file, id, "number " + std::to_string(number));
+    const auto width = in.integer(8), height = in.integer(8);
+    if (!in.ok()) return truncated();
+    if (number >= std::size(kModels)) return unknown_model(file, id, name);
     std::vector<double> p(kModels[number].parameters);
     for (double& value : p) value = in.real();
-    if (!in.ok()) break;
+    if (!in.ok()) return truncated();
     SLF_TRY(add_camera(file, id, number, width, height, p, lenses));
   }
   if (!in.ok()) return truncated();
@@ -218,22 +218,17 @@ bool set_place(const std::array<double, 7>& place, Picture& picture) {
 
 /// Whether a line of images.txt is the first one of an image: its tenth word is a name, or the last
 /// one. Lines of points have three numbers each.
-bool begins_image(const std::string& line) {
-  Words words(line);
-  std::string word, further;
-  for (int k = 0; k < 10; ++k)
-    if (word = words.next<std::string>(); word.empty()) return false;
-  double number = 0;
-  const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), number);
-  return error != std::errc() || end != word.data() + word.size() || !(words.stream >> further);
+bool begins_image(std::string_view line) {
+  const auto words = volume_io::words(line);
+  return words.size() == 10 || (words.size() > 10 && !volume_io::parse_number(words[9]));
 }
 
 Result<void> read_images(const ColmapModel& model, const std::string& image_folder,
                          const std::map<std::uint64_t, Lens>& lenses, PictureSet& set) {
   const std::string file = model.folder + (model.text ? "/images.txt" : "/images.bin");
-  Input in(model.images);
+  Records in(model.images, model.text);
   const auto truncated = [&] {
-    return fail(ErrorCode::bad_file, file, ": ends within an image, after ", set.pictures.size());
+    return bad_file(file, "ends within an image, after ", set.pictures.size());
   };
   const auto add = [&](const std::array<double, 7>& place, std::uint64_t camera,
                        const std::string& name) -> Result<void> {
@@ -242,45 +237,26 @@ Result<void> read_images(const ColmapModel& model, const std::string& image_fold
     picture.file = (fs::path(image_folder) / name).lexically_normal().string();
     const auto lens = lenses.find(camera);
     if (lens == lenses.end())
-      return fail(ErrorCode::bad_file, file, ": ", name, ": has camera ", camera,
-                  ", which the file of cameras has not");
+      return bad_file(file, name, ": has camera ", camera, ", which the file of cameras has not");
     picture.lens = lens->second;
     if (!set_place(place, picture))
-      return fail(ErrorCode::bad_file, file, ": ", name,
-                  ": rotation or translation is not finite, or the rotation is 0");
+      return bad_file(file, name, ": rotation or translation is not finite, or the rotation is 0");
     if (set.pictures.size() >= kMaxPictures)
-      return fail(ErrorCode::unsupported, file, ": more than ", kMaxPictures, " images");
+      return unsupported(file, "more than ", kMaxPictures, " images");
     set.pictures.push_back(std::move(picture));
     return {};
   };
   std::array<double, 7> place{};
-  if (model.text) {
-    // An image has two lines; the second one, of points, may be empty. Some programs leave it out.
-    for (auto line = in.line(false); line;) {
-      Words words(*line);
-      words.next<std::uint64_t>();
-      for (double& value : place) value = words.next<double>();
-      const auto camera = words.next<std::uint64_t>();
-      if (!words.stream) return truncated();
-      std::string name;
-      std::getline(words.stream >> std::ws, name);
-      if (name.empty()) return truncated();
-      SLF_TRY(add(place, camera, name));
-      line = in.line(true);
-      if (!line || !begins_image(*line)) line = in.line(false);
-    }
-    return {};
-  }
-  const auto count = in.integer<std::uint64_t>();
-  for (std::uint64_t k = 0; in.ok() && k < count; ++k) {
-    in.integer<std::uint32_t>();
+  for (bool more = in.next(); more;) {
+    in.integer(4);
     for (double& value : place) value = in.real();
-    const auto camera = in.integer<std::uint32_t>();
+    const auto camera = in.integer(4);
     const std::string name = in.name();
-    const auto points = in.integer<std::uint64_t>();
-    if (!in.ok() || points > in.left() / 24) return truncated();
-    in.skip(points * 24);
+    if (!model.text) in.skip_list(24);
+    if (!in.ok() || (model.text && name.empty())) return truncated();
     SLF_TRY(add(place, camera, name));
+    // In text, a line of points follows, which may be empty. Some programs leave it out.
+    more = model.text && in.next_line(true) && begins_image(in.line()) ? true : in.next();
   }
   if (!in.ok()) return truncated();
   return {};
@@ -289,28 +265,16 @@ Result<void> read_images(const ColmapModel& model, const std::string& image_fold
 /// Points are only hints, so damaged ones are left out.
 std::vector<glm::dvec3> read_points(const ColmapModel& model) {
   std::vector<glm::dvec3> points;
-  const auto add = [&](const glm::dvec3& p) {
-    if (std::abs(p.x) < 1e12 && std::abs(p.y) < 1e12 && std::abs(p.z) < 1e12) points.push_back(p);
-  };
-  Input in(model.points);
-  if (model.text) {
-    while (const auto line = in.line(false)) {
-      Words words(*line);
-      words.next<std::uint64_t>();
-      const auto x = words.next<double>(), y = words.next<double>(), z = words.next<double>();
-      if (words.stream) add({x, y, z});
-    }
-    return points;
-  }
-  const auto count = in.integer<std::uint64_t>();
-  for (std::uint64_t k = 0; in.ok() && k < count; ++k) {
-    in.integer<std::uint64_t>();
+  Records in(model.points, model.text);
+  while (in.next()) {
+    in.integer(8);
     const double x = in.real(), y = in.real(), z = in.real();
-    in.skip(3 + 8);
-    const auto track = in.integer<std::uint64_t>();
-    if (!in.ok() || track > in.left() / 8) break;
-    in.skip(track * 8);
-    add({x, y, z});
+    if (!model.text) {
+      in.take(3 + 8);
+      in.skip_list(8);
+    }
+    if (in.ok() && std::abs(x) < 1e12 && std::abs(y) < 1e12 && std::abs(z) < 1e12)
+      points.emplace_back(x, y, z);
   }
   return points;
 }
@@ -349,8 +313,7 @@ Result<PictureSet> parse_colmap(const ColmapModel& model, const std::string& ima
   PictureSet set;
   set.source = model.folder;
   SLF_TRY(read_images(model, image_folder, lenses, set));
-  if (set.pictures.empty())
-    return fail(ErrorCode::bad_file, model.folder, ": the model has no images");
+  if (set.pictures.empty()) return bad_file(model.folder, "the model has no images");
   set.points = read_points(model);
   return set;
 }

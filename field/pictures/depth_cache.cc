@@ -80,7 +80,7 @@ bool read_depth_cache(const std::string& path, std::uint64_t key, unsigned threa
         load_le<std::uint64_t>(&start[magic.size()]) == key &&
         load_le<std::uint64_t>(&start[magic.size() + 8]) == views.size())
       return {};
-    return fail(ErrorCode::bad_file, path, ": of other depths");
+    return bad_file(path, "of other depths");
   };
   const auto file = read_file(path, kMaxFileBytes, is_ours);
   if (!file || file->size() < magic.size() + 24) return false;

@@ -15,23 +15,13 @@
 #include "field/image/formats.h"
 #include "field/pictures/cameras.h"
 #include "field/volume/stack.h"
+#include "field/volume/voxels.h"
 
 namespace slf {
 namespace {
 
 bool ends_with_any(const std::string& path, std::initializer_list<const char*> extensions) {
   return std::ranges::any_of(extensions, [&](const char* e) { return path.ends_with(e); });
-}
-
-template <class T>
-std::vector<float> to_floats(const std::vector<std::byte>& samples) {
-  std::vector<float> values(samples.size() / sizeof(T));
-  for (std::size_t k = 0; k < values.size(); ++k) {
-    T value{};
-    std::memcpy(&value, &samples[k * sizeof(T)], sizeof(T));
-    values[k] = static_cast<float>(value);
-  }
-  return values;
 }
 
 /// Depths as they are in the file of a picture of depths, before any scale.
@@ -49,22 +39,18 @@ Result<std::vector<float>> read_depths(const std::string& path,
     else
       SLF_TRY(volume_io::append_png(path, {}, kind, samples));
     size = {kind->width, kind->height};
-    switch (kind->type) {
-      case ScalarType::u8:
-        depths = to_floats<std::uint8_t>(samples);
-        break;
-      case ScalarType::u16:
-        depths = to_floats<std::uint16_t>(samples);
-        break;
-      case ScalarType::f32:
-        depths = to_floats<float>(samples);
-        break;
-      default:
-        return fail(ErrorCode::unsupported, path, ": depths of type ", name(kind->type),
-                    "; expected 8 or 16 bits without sign, or 32-bit float");
-    }
+    if (const auto type = kind->type;
+        type != ScalarType::u8 && type != ScalarType::u16 && type != ScalarType::f32)
+      return unsupported(path, "depths of type ", name(type),
+                         "; expected 8 or 16 bits without sign, or 32-bit float");
+    with_type(kind->type, [&]<class T>(T value) {
+      for (std::size_t at = 0; at + sizeof(T) <= samples.size(); at += sizeof(T)) {
+        std::memcpy(&value, &samples[at], sizeof(T));
+        depths.push_back(static_cast<float>(value));
+      }
+    });
     if (depths.size() != std::size_t{size.width} * size.height)
-      return fail(ErrorCode::bad_file, path, ": has more than one page; expected a single picture");
+      return bad_file(path, "has more than one page; expected a single picture");
   } else {
     auto image = SLF_TRY(read_image(path));
     size = {image.width, image.height};
@@ -73,8 +59,8 @@ Result<std::vector<float>> read_depths(const std::string& path,
       for (const glm::vec4& p : image.rgba) depths.push_back(p.r);
   }
   if (size != expected)
-    return fail(ErrorCode::bad_file, path, ": depths of ", size.width, "x", size.height,
-                " pixels beside a picture of ", expected.width, "x", expected.height);
+    return bad_file(path, "depths of ", size.width, "x", size.height,
+                    " pixels beside a picture of ", expected.width, "x", expected.height);
   return depths;
 }
 
@@ -112,8 +98,8 @@ Result<std::vector<bool>> read_mask(const std::string& path,
     for (const glm::vec4& p : image->rgba) mask.push_back(std::max({p.r, p.g, p.b}) > limit);
   }
   if (size != expected || mask.size() != std::size_t{size.width} * size.height)
-    return fail(ErrorCode::bad_file, path, ": a mask of ", size.width, "x", size.height,
-                " pixels for a picture of ", expected.width, "x", expected.height);
+    return bad_file(path, "a mask of ", size.width, "x", size.height, " pixels for a picture of ",
+                    expected.width, "x", expected.height);
   return mask;
 }
 
@@ -174,8 +160,8 @@ Result<Image> decode_picture(const Picture& picture, ByteSpan bytes) {
   if (!image) return image;
   const image_formats::ImageSize size{image->width, image->height};
   if (size != image_formats::ImageSize{picture.lens.width, picture.lens.height})
-    return fail(ErrorCode::bad_file, picture.file, ": is ", size.width, "x", size.height,
-                " pixels, not ", picture.lens.width, "x", picture.lens.height, " as before");
+    return bad_file(picture.file, "is ", size.width, "x", size.height, " pixels, not ",
+                    picture.lens.width, "x", picture.lens.height, " as before");
   if (!picture.mask.empty()) {
     const auto mask = SLF_TRY(read_mask(picture.mask, size));
     for (std::size_t p = 0; p < image->rgba.size(); ++p)
@@ -196,10 +182,9 @@ Result<Image> load_picture(const Picture& picture) {
 Result<Sphere> first_sphere(const PictureSet& set) {
   const auto focus = focus_of(set.pictures);
   if (!focus)
-    return fail_without(
-        "sphere", ErrorCode::usage, set.source,
-        ": the cameras all look the same way, so their axes do not show where the object "
-        "is: state the centre and radius of the sphere");
+    return fail_without("sphere", ErrorCode::usage, set.source,
+                        ": the cameras all look the same way, so their axes do not show where the "
+                        "object is: state the centre and radius of the sphere");
   std::vector<double> radii;
   double nearest = std::numeric_limits<double>::max();
   for (const Picture& picture : set.pictures) {
@@ -219,8 +204,7 @@ Result<Sphere> first_sphere(const PictureSet& set) {
   if (!(sphere.radius > 0) || !std::isfinite(sphere.radius))
     return fail_without(
         "sphere", ErrorCode::usage, set.source,
-        ": a camera is where all cameras look, so no sphere fits: state its centre and "
-        "radius");
+        ": a camera is where all cameras look, so no sphere fits: state its centre and radius");
   return sphere;
 }
 
@@ -299,9 +283,9 @@ Result<void> settle_depths(const PictureSet& set, const PictureSceneOptions& opt
                             ? ray
                             : disagreement(loaded.views, loaded.kind, options.depth_scale);
   if (!(loaded.disagreement < kConsistent))
-    return fail(ErrorCode::usage, set.source, ": depths of neighbouring pictures disagree by ",
-                100 * loaded.disagreement, " % (median); along z it were ", 100 * z,
-                " %, along the ray ", 100 * ray, " %: check the kind and the scale of depths");
+    return misuse(set.source, "depths of neighbouring pictures disagree by ",
+                  100 * loaded.disagreement, " % (median); along z it were ", 100 * z,
+                  " %, along the ray ", 100 * ray, " %: check the kind and the scale of depths");
   for (SmallView& view : loaded.views)
     for (std::uint32_t y = 0; y < view.height; ++y)
       for (std::uint32_t x = 0; x < view.width; ++x) {

@@ -8,7 +8,6 @@
 #include <mutex>
 #include <vector>
 
-#include "base/bytes.h"
 #include "slf/pictures.h"
 
 namespace slf {

@@ -3,8 +3,6 @@
 // half of the neighbours that agree best (Kang, Szeliski, Chai 2001).
 #include <algorithm>
 #include <cmath>
-#include <numeric>
-#include <stdexcept>
 
 #include "base/reporter.h"
 #include "base/try.h"

@@ -45,13 +45,12 @@ Result<Prepared> prepare_pictures(PictureSet set, const PictureSceneOptions& opt
     if (!is_held_out(k, options.holdout)) used.push_back(set.pictures[k]);
   set.pictures = std::move(used);
   if (set.pictures.size() < 2)
-    return fail(ErrorCode::usage, set.source, ": ", set.pictures.size(),
-                " pictures; expected at least 2");
+    return misuse(set.source, set.pictures.size(), " pictures; expected at least 2");
   Sphere guess = SLF_TRY(options.sphere ? *options.sphere : first_sphere(set));
   auto loaded = SLF_TRY(load_views(guess, options, set));
   if (options.keep_background && loaded.masks)
-    return fail(ErrorCode::usage, set.source,
-                ": the background cannot be kept: alpha or masks hide it in the pictures");
+    return misuse(set.source,
+                  "the background cannot be kept: alpha or masks hide it in the pictures");
   if (options.depth == DepthKind::none) loaded.depths = false;
   if (loaded.depths) SLF_TRY(settle_depths(set, options, loaded));
 

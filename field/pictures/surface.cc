@@ -1,7 +1,6 @@
 #include "field/pictures/surface.h"
 
 #include <algorithm>
-#include <cmath>
 
 namespace slf {
 

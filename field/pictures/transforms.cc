@@ -3,10 +3,8 @@
 #include <cmath>
 #include <filesystem>
 #include <nlohmann/json.hpp>
-#include <numbers>
 
 #include "base/try.h"
-#include "field/image/formats.h"
 #include "field/pictures/cameras.h"
 
 namespace slf::cameras {
@@ -38,8 +36,7 @@ class Reader {
     picture.name = text_in(frame, "file_path");
     const std::string place = name_ + ": frame " + std::to_string(number) +
                               (picture.name.empty() ? "" : " (" + picture.name + ")");
-    if (picture.name.empty())
-      return fail(ErrorCode::bad_file, place, ": expected a member \"file_path\"");
+    if (picture.name.empty()) return bad_file(place, "expected a member \"file_path\"");
     picture.file = finder_.find(picture.name);
     for (const auto& [key, file] : {std::pair{"mask_path", &picture.mask},
                                     {"depth_file_path", &picture.depth},
@@ -63,7 +60,7 @@ class Reader {
   static Result<void> set_place(const Json& frame, const std::string& place, Picture& picture) {
     const auto matrix = frame.find("transform_matrix");
     const auto bad = [&](const auto&... why) {
-      return fail(ErrorCode::bad_file, place, ": transform_matrix ", why...);
+      return bad_file(place, "transform_matrix ", why...);
     };
     if (matrix == frame.end() || !matrix->is_array() || matrix->size() < 3 || matrix->size() > 4)
       return bad("is missing or has not 4 rows");
@@ -106,8 +103,7 @@ class Reader {
     const auto w = number(frame, "w"), h = number(frame, "h");
     if (w && h) {
       if (!(*w >= 1 && *h >= 1 && *w <= 65536 && *h <= 65536))
-        return fail(ErrorCode::bad_file, place, ": a size of ", *w, "x", *h,
-                    " pixels; expected 1 to 65536");
+        return bad_file(place, "a size of ", *w, "x", *h, " pixels; expected 1 to 65536");
       lens.width = static_cast<std::uint32_t>(*w);
       lens.height = static_cast<std::uint32_t>(*h);
     } else {
@@ -128,17 +124,15 @@ class Reader {
     const auto fx = focal("fl_x", "camera_angle_x", lens.width);
     const auto fy = focal("fl_y", "camera_angle_y", lens.height);
     if (!fx && !fy)
-      return fail(
-          ErrorCode::bad_file, place,
-          ": no focal length; expected \"fl_x\" in pixels or \"camera_angle_x\" in radians");
+      return bad_file(
+          place, "no focal length; expected \"fl_x\" in pixels or \"camera_angle_x\" in radians");
     lens.fx = fx.value_or(fy.value_or(0));
     lens.fy = fy.value_or(lens.fx);
     lens.cx = number(frame, "cx").value_or(lens.width / 2.0);
     lens.cy = number(frame, "cy").value_or(lens.height / 2.0);
     for (const double f : {lens.fx, lens.fy})
       if (!(f > 0 && f < kMaxNumber))
-        return fail(ErrorCode::bad_file, place, ": a focal length of ", f,
-                    " pixels; expected a number above 0");
+        return bad_file(place, "a focal length of ", f, " pixels; expected a number above 0");
     std::string model = text_in(frame, "camera_model");
     if (model.empty()) model = text_in(root_, "camera_model");
     const auto flag = [](const Json& json) {
@@ -148,15 +142,15 @@ class Reader {
     lens.fisheye = model == "OPENCV_FISHEYE" || flag(frame) || flag(root_);
     if (!model.empty() && !lens.fisheye && model != "OPENCV" && model != "PINHOLE" &&
         model != "SIMPLE_PINHOLE" && model != "SIMPLE_RADIAL" && model != "RADIAL")
-      return fail(ErrorCode::unsupported, place, ": camera model ", model,
-                  "; perspective (OPENCV, PINHOLE) and OPENCV_FISHEYE are read");
+      return unsupported(place, "camera model ", model,
+                         "; perspective (OPENCV, PINHOLE) and OPENCV_FISHEYE are read");
     const auto set = [&](const char* key, double& to) { to = number(frame, key).value_or(0); };
     set("k1", lens.k[0]), set("k2", lens.k[1]), set("k3", lens.k[2]), set("k4", lens.k[3]);
     set("p1", lens.p[0]), set("p2", lens.p[1]);
     for (const double value :
          {lens.cx, lens.cy, lens.k[0], lens.k[1], lens.k[2], lens.k[3], lens.p[0], lens.p[1]})
       if (!(std::abs(value) < kMaxNumber))
-        return fail(ErrorCode::bad_file, place, ": a number of the lens is not finite");
+        return bad_file(place, "a number of the lens is not finite");
     lens.finish();
     return {};
   }
@@ -173,13 +167,11 @@ Result<PictureSet> parse_transforms(std::string_view text, const std::string& na
                                     const std::string& folder) {
   const Json root = Json::parse(text, nullptr, false);
   if (!root.is_object() || !root.contains("frames") || !root["frames"].is_array())
-    return fail(ErrorCode::bad_file, name,
-                ": expected JSON with an array \"frames\", as in transforms.json");
+    return bad_file(name, "expected JSON with an array \"frames\", as in transforms.json");
   const Json& frames = root["frames"];
-  if (frames.empty()) return fail(ErrorCode::bad_file, name, ": has no frames");
+  if (frames.empty()) return bad_file(name, "has no frames");
   if (frames.size() > kMaxPictures)
-    return fail(ErrorCode::unsupported, name, ": ", frames.size(), " frames; up to ", kMaxPictures,
-                " are read");
+    return unsupported(name, frames.size(), " frames; up to ", kMaxPictures, " are read");
   PictureSet set;
   set.source = name;
   Reader reader(root, name, folder);
@@ -190,9 +182,9 @@ Result<PictureSet> parse_transforms(std::string_view text, const std::string& na
   SLF_TRY(reader.left_out().settle(set.pictures.size(), set.notes));
   for (const char* ignored : {"aabb_scale", "scale", "offset"})
     if (root.contains(ignored))
-      set.notes.push_back(std::string(ignored) +
-                          " is ignored: cameras stay where the matrices put them, and the sphere "
-                          "is fitted");
+      set.notes.push_back(
+          std::string(ignored) +
+          " is ignored: cameras stay where the matrices put them, and the sphere is fitted");
   return set;
 }
 

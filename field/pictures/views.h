@@ -3,8 +3,6 @@
 
 #include <cstdint>
 #include <glm/glm.hpp>
-#include <optional>
-#include <string>
 #include <vector>
 
 #include "field/pictures/surface.h"

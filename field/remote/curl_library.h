@@ -11,7 +11,8 @@ namespace slf {
 // clang-format off
 #define SLF_CURL_FUNCTIONS(F)                                                                      \
   F(global_init) F(free) F(slist_append) F(slist_free_all)                                         \
-  F(easy_init) F(easy_reset) F(easy_cleanup) F(easy_setopt) F(easy_getinfo) F(easy_strerror)       \
+  F(easy_init) F(easy_reset) F(easy_cleanup) F(easy_setopt) F(easy_getinfo) F(easy_header)         \
+  F(easy_strerror)                                                                                 \
   F(multi_init) F(multi_cleanup) F(multi_add_handle) F(multi_remove_handle)                        \
   F(multi_perform) F(multi_info_read) F(multi_poll)                                                \
   F(url) F(url_cleanup) F(url_get) F(url_set)

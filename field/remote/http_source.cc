@@ -6,9 +6,7 @@
 #include <cmath>
 #include <cstring>
 #include <deque>
-#include <memory>
 #include <optional>
-#include <thread>
 #include <utility>
 
 #include "base/guarded.h"
@@ -28,19 +26,6 @@ constexpr long kRedirects = 5;
 constexpr std::uint64_t kPiece = 4 << 20;        // most bytes that one request asks for
 constexpr std::uint64_t kMaxWhole = 64 << 20;    // most bytes of a field that is fetched whole
 constexpr std::uint64_t kMaxIgnored = 64 << 10;  // bytes of an answer that nothing needs
-
-std::string_view trimmed(std::string_view text) {
-  while (!text.empty() && (text.front() == ' ' || text.front() == '\t')) text.remove_prefix(1);
-  while (!text.empty() && std::strchr(" \t\r\n", text.back()) != nullptr) text.remove_suffix(1);
-  return text;
-}
-
-bool same_letters(std::string_view a, std::string_view b) {
-  return a.size() == b.size() && std::equal(a.begin(), a.end(), b.begin(), [](char x, char y) {
-           return std::tolower(static_cast<unsigned char>(x)) ==
-                  std::tolower(static_cast<unsigned char>(y));
-         });
-}
 
 bool take_number(std::string_view& text, std::uint64_t& value) {
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
@@ -99,8 +84,6 @@ struct HttpSource::Transfer {
   CURL* easy = nullptr;
   curl_slist* headers = nullptr;
   Bytes body;
-  std::string tag, date, content_range;
-  double retry_after = 0;      ///< seconds
   bool oversized = false;      ///< the answer has more bytes than requested
   bool stopped = false;        ///< by `progress`
   std::optional<Error> error;  ///< of memory, or of `progress`
@@ -117,15 +100,25 @@ struct HttpSource::Transfer {
     curl.easy_getinfo(easy, CURLINFO_CONTENT_LENGTH_DOWNLOAD_T, &length);
     return length < 0 ? kUnknown : static_cast<std::uint64_t>(length);
   }
-  /// Takes a piece of the body, or a line of the header. Returns false to end the transfer.
+  /// A header of the answer, or of the last one in a chain of redirections; empty if it has none.
+  [[nodiscard]] std::string header(const char* name) const {
+    curl_header* found = nullptr;
+    const bool there = curl.easy_header(easy, name, 0, CURLH_HEADER, -1, &found) == CURLHE_OK;
+    return there ? found->value : "";
+  }
+  /// The seconds after which the server wants to be asked again; 0 if it does not say.
+  [[nodiscard]] double retry_after() const {
+    curl_off_t seconds = 0;
+    curl.easy_getinfo(easy, CURLINFO_RETRY_AFTER, &seconds);
+    return static_cast<double>(seconds);
+  }
+  /// Takes a piece of the body. Returns false to end the transfer.
   bool take_body(std::string_view piece);
-  bool take_header(std::string_view line);
 
-  /// take_body() or take_header() for libcurl: no exception may pass its frames.
-  template <auto take>
+  /// take_body() for libcurl: no exception may pass its frames.
   static std::size_t write(char* data, std::size_t, std::size_t count, void* to) {
     auto& self = *static_cast<Transfer*>(to);
-    auto taken = guarded([&]() -> Result<bool> { return (self.*take)({data, count}); });
+    auto taken = guarded([&]() -> Result<bool> { return self.take_body({data, count}); });
     if (!taken) self.error = std::move(taken.error());
     return taken && *taken ? count : 0;
   }
@@ -193,23 +186,6 @@ bool HttpSource::Transfer::take_body(std::string_view piece) {
     stopped = !progress({.done = body.size(), .total = length == kUnknown ? body.size() : length});
   }
   return !stopped;
-}
-
-bool HttpSource::Transfer::take_header(std::string_view line) {
-  if (line.starts_with("HTTP/")) {  // the next answer in a chain of redirections
-    tag.clear(), date.clear(), content_range.clear();
-    return true;
-  }
-  const std::size_t colon = line.find(':');
-  if (colon == std::string_view::npos) return true;
-  const std::string_view name = line.substr(0, colon), value = trimmed(line.substr(colon + 1));
-  if (same_letters(name, "etag")) tag = value;
-  if (same_letters(name, "last-modified")) date = value;
-  if (same_letters(name, "content-range")) content_range = value;
-  if (std::uint64_t seconds = 0; same_letters(name, "retry-after"))
-    if (std::string_view rest = value; take_number(rest, seconds) && rest.empty())
-      retry_after = static_cast<double>(seconds);
-  return true;
 }
 
 HttpSource::HttpSource(std::string url, const RemoteOptions& options)
@@ -312,8 +288,6 @@ Result<void> HttpSource::start(Transfer& transfer, Connections& connections) {
   ++transfer.attempts;
   ++requests_;
   transfer.body.clear();
-  transfer.tag.clear(), transfer.date.clear(), transfer.content_range.clear();
-  transfer.retry_after = 0;
   transfer.oversized = transfer.stopped = false;
   transfer.error.reset();
   CURL* easy = nullptr;
@@ -354,7 +328,7 @@ Result<void> HttpSource::start(Transfer& transfer, Connections& connections) {
     transfer.headers = curl.slist_append(nullptr, ("If-Match: " + validator_).c_str());
     set(CURLOPT_HTTPHEADER, transfer.headers);
   }
-  set(CURLOPT_WRITEFUNCTION, &Transfer::write<&Transfer::take_body>);
+  set(CURLOPT_WRITEFUNCTION, &Transfer::write);
   set(CURLOPT_WRITEDATA, &transfer);
   // curl itself reads, and drops, the body of a redirection.
   using Count = int (*)(void*, curl_off_t, curl_off_t, curl_off_t, curl_off_t);
@@ -365,8 +339,6 @@ Result<void> HttpSource::start(Transfer& transfer, Connections& connections) {
   set(CURLOPT_NOPROGRESS, 0L);
   set(CURLOPT_XFERINFOFUNCTION, too_much);
   set(CURLOPT_XFERINFODATA, &transfer);
-  set(CURLOPT_HEADERFUNCTION, &Transfer::write<&Transfer::take_header>);
-  set(CURLOPT_HEADERDATA, &transfer);
   if (!fine || curl.multi_add_handle(connections.multi, easy) != CURLM_OK) return no_memory();
   return {};
 }
@@ -379,7 +351,7 @@ Result<bool> HttpSource::evaluate(Transfer& t, int code) {
     if (t.attempts >= std::max(1u, options_.attempts))
       return failed(ErrorCode::io, what, ", after ", t.attempts, " attempts");
     const double doubled = std::ldexp(options_.first_retry_delay, static_cast<int>(t.attempts) - 1);
-    const double pause = std::min(std::max(doubled, t.retry_after), kMaxPause);
+    const double pause = std::min(std::max(doubled, t.retry_after()), kMaxPause);
     t.due = Clock::now() +
             std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(pause));
     return false;
@@ -432,10 +404,11 @@ Result<bool> HttpSource::evaluate(Transfer& t, int code) {
   }
   if (status != 206) return failed(ErrorCode::io, "the server answers ", status);
 
-  const auto answered = parse_content_range(t.content_range);
+  const auto answered = parse_content_range(t.header("content-range"));
   if (!answered)
     return failed(ErrorCode::io, "the server does not say which part of the file it sends");
-  const std::string& validator = t.tag.empty() ? t.date : t.tag;
+  const std::string tag = t.header("etag"),
+                    validator = tag.empty() ? t.header("last-modified") : tag;
   if (size_ == kUnknown) {
     size_ = answered->total;
     validator_ = validator;

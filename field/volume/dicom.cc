@@ -2,13 +2,13 @@
 #include "field/volume/dicom.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <limits>
 
 #include "base/try.h"
 #include "field/volume/dicom_elements.h"
 #include "field/volume/io.h"
+#include "slf/tone.h"
 
 namespace slf::volume_io {
 
@@ -131,14 +131,14 @@ Result<void> read_encoding(const DicomFile& file, DicomSlice& slice) {
   slice.compressed = file.encapsulated;
   const bool known = !name_of_compression(slice.syntax).empty();
   if (slice.compressed && !known)
-    return fail(ErrorCode::unsupported, slice.path, ": compressed pixels, transfer syntax ",
-                in_quotes(slice.syntax), ", expected JPEG, JPEG-LS, JPEG 2000 or RLE");
+    return unsupported(slice.path, "compressed pixels, transfer syntax ", in_quotes(slice.syntax),
+                       ", expected JPEG, JPEG-LS, JPEG 2000 or RLE");
   if (slice.compressed && slice.one_bit)
-    return fail(ErrorCode::unsupported, slice.path, ": pixels of 1 bit, compressed by ",
-                name_of_compression(slice.syntax), ", expected plain ones");
+    return unsupported(slice.path, "pixels of 1 bit, compressed by ",
+                       name_of_compression(slice.syntax), ", expected plain ones");
   if (known && !slice.compressed && file.data.values.contains(slice.pixels_at))
-    return fail(ErrorCode::bad_file, slice.path, ": expected pixels in fragments, ",
-                name_of_compression(slice.syntax), ", found a plain element");
+    return bad_file(slice.path, "expected pixels in fragments, ", name_of_compression(slice.syntax),
+                    ", found a plain element");
   if (file.big_endian && !slice.one_bit)
     slice.swapped =
         std::max<unsigned>(static_cast<unsigned>(bytes_per_voxel(slice.type)), file.words ? 2 : 1);
@@ -150,15 +150,15 @@ Result<void> read_palette(const DicomLookup& file, DicomSlice& slice) {
   for (DicomTag channel = 0; channel < 3; ++channel) {
     const auto layout = file.integers(kPaletteDescriptor + channel, 2);
     if (layout.size() != 3 || (layout[2] != 8 && layout[2] != 16))
-      return fail(ErrorCode::unsupported, slice.path,
-                  ": palette colours, but no palette of 8 or 16 bits: convert it to RGB");
+      return unsupported(slice.path,
+                         "palette colours, but no palette of 8 or 16 bits: convert it to RGB");
     const std::size_t count = layout[0] == 0 ? 65536 : layout[0];
     // Palettes of 8 bits have one byte an entry, or, in old files, two.
     const auto data = file.raw(kPaletteData + channel);
     const bool bytes = layout[2] == 8 && data.size() < 2 * count;
     if (data.size() < count * (bytes ? 1 : 2))
-      return fail(ErrorCode::bad_file, slice.path, ": a palette of ", count, " entries has ",
-                  data.size(), " bytes, or is stored in segments");
+      return bad_file(slice.path, "a palette of ", count, " entries has ", data.size(),
+                      " bytes, or is stored in segments");
     auto& values = palette->rgb[channel];
     if (bytes)
       for (const char c : data.substr(0, count)) values.push_back(static_cast<std::uint8_t>(c));
@@ -172,8 +172,8 @@ Result<void> read_palette(const DicomLookup& file, DicomSlice& slice) {
   }
   const auto& rgb = palette->rgb;
   if (rgb[0].size() != rgb[1].size() || rgb[0].size() != rgb[2].size())
-    return fail(ErrorCode::bad_file, slice.path, ": palettes of ", rgb[0].size(), ", ",
-                rgb[1].size(), " and ", rgb[2].size(), " entries, expected equal ones");
+    return bad_file(slice.path, "palettes of ", rgb[0].size(), ", ", rgb[1].size(), " and ",
+                    rgb[2].size(), " entries, expected equal ones");
   slice.palette = std::move(palette);
   return {};
 }
@@ -195,9 +195,9 @@ Result<void> read_color(const DicomLookup& file, DicomSlice& slice) {
       slice.color != DicomColor::rgb || color == "RGB" || color == "YBR_RCT" || color == "YBR_ICT";
   const bool ybr = slice.color != DicomColor::rgb;
   if (slice.samples != 3 || !known || (ybr && bytes_per_voxel(slice.type) != 1))
-    return fail(ErrorCode::unsupported, slice.path, ": pixels of ", slice.samples,
-                " components, photometric interpretation ", in_quotes(color),
-                ", expected grey, RGB, YBR_FULL or a palette: convert it to RGB");
+    return unsupported(slice.path, "pixels of ", slice.samples,
+                       " components, photometric interpretation ", in_quotes(color),
+                       ", expected grey, RGB, YBR_FULL or a palette: convert it to RGB");
   return {};
 }
 
@@ -205,11 +205,9 @@ Result<void> read_format(const DicomLookup& file, DicomSlice& slice) {
   slice.height = file.integer(kRows).value_or(0);
   slice.width = file.integer(kColumns).value_or(0);
   if (slice.width == 0 || slice.height == 0 || (slice.width | slice.height) > 0xffff)
-    return fail(ErrorCode::bad_file, slice.path, ": Rows x Columns are ", slice.height, "x",
-                slice.width);
+    return bad_file(slice.path, "Rows x Columns are ", slice.height, "x", slice.width);
   if (const auto whole = file.integer(kMatrixColumns); whole && *whole > slice.width)
-    return fail(ErrorCode::unsupported, slice.path,
-                ": tiles of a microscope's slide, expected slices of a volume");
+    return unsupported(slice.path, "tiles of a microscope's slide, expected slices of a volume");
   slice.pixels_at = kPixelData;
   for (const auto& [tag, type] :
        {std::pair{kFloatPixels, ScalarType::f32}, std::pair{kDoublePixels, ScalarType::f64}})
@@ -221,7 +219,7 @@ Result<void> read_format(const DicomLookup& file, DicomSlice& slice) {
       return {};
     }
   const auto stated = file.integer(kBitsAllocated);
-  if (!stated) return fail(ErrorCode::bad_file, slice.path, ": BitsAllocated is missing");
+  if (!stated) return bad_file(slice.path, "BitsAllocated is missing");
   const unsigned allocated = *stated;
   slice.bits_stored = file.integer(kBitsStored).value_or(allocated);
   slice.high_bit = file.integer(kHighBit).value_or(std::max(slice.bits_stored, 1u) - 1);
@@ -230,9 +228,9 @@ Result<void> read_format(const DicomLookup& file, DicomSlice& slice) {
   if (slice.one_bit) slice.bits_stored = 8, slice.high_bit = 7;
   if ((bits != 8 && bits != 16 && bits != 32) || slice.bits_stored == 0 || slice.high_bit >= bits ||
       slice.high_bit + 1 < slice.bits_stored)
-    return fail(ErrorCode::unsupported, slice.path, ": BitsAllocated is ", allocated,
-                ", BitsStored ", slice.bits_stored, " and HighBit ", slice.high_bit,
-                ", expected 1, 8, 16 or 32 allocated, and as many or fewer stored");
+    return unsupported(slice.path, "BitsAllocated is ", allocated, ", BitsStored ",
+                       slice.bits_stored, " and HighBit ", slice.high_bit,
+                       ", expected 1, 8, 16 or 32 allocated, and as many or fewer stored");
   const bool is_signed = file.integer(kPixelRepresentation).value_or(0) == 1;
   slice.type = bits == 8    ? (is_signed ? ScalarType::i8 : ScalarType::u8)
                : bits == 16 ? (is_signed ? ScalarType::i16 : ScalarType::u16)
@@ -254,8 +252,7 @@ glm::dvec3 srgb_of_lab(const std::vector<std::uint32_t>& encoded) {
   const glm::dmat3 to_rgb(3.1338561, -0.9787684, 0.0719453, -1.6168667, 1.9161415, -0.2289914,
                           -0.4906146, 0.0334540, 1.4052427);
   glm::dvec3 rgb = glm::clamp(to_rgb * xyz, 0.0, 1.0);
-  for (int i = 0; i < 3; ++i)
-    rgb[i] = rgb[i] <= 0.0031308 ? 12.92 * rgb[i] : 1.055 * std::pow(rgb[i], 1 / 2.4) - 0.055;
+  for (int i = 0; i < 3; ++i) rgb[i] = srgb_from_linear(rgb[i]);
   return rgb;
 }
 
@@ -268,8 +265,8 @@ Result<void> read_segments(const DicomFile& file, const DicomLookup& values, Dic
                        : type == "FRACTIONAL" ? Kind::fractional
                                               : Kind::label_map;
   if (segmentation->kind == Kind::label_map && type != "LABELMAP")
-    return fail(ErrorCode::unsupported, slice.path, ": a segmentation of type ", in_quotes(type),
-                ", expected BINARY, FRACTIONAL or LABELMAP");
+    return unsupported(slice.path, "a segmentation of type ", in_quotes(type),
+                       ", expected BINARY, FRACTIONAL or LABELMAP");
   if (segmentation->kind == Kind::fractional)
     segmentation->maximum = std::max(1u, values.integer(kMaximumFraction).value_or(255));
   for (const auto& item : file.data.items(kSegments)) {
@@ -288,8 +285,7 @@ Result<void> read_segments(const DicomFile& file, const DicomLookup& values, Dic
 /// Numbers that can be places; none if one is absurd, so that sums of them stay finite.
 std::vector<double> lengths(std::vector<double> values) {
   constexpr double kMost = 1e9;
-  const bool absurd =
-      std::any_of(values.begin(), values.end(), [](double v) { return !(std::abs(v) <= kMost); });
+  const bool absurd = std::ranges::any_of(values, [](double v) { return !(std::abs(v) <= kMost); });
   return absurd ? std::vector<double>{} : values;
 }
 
@@ -316,8 +312,8 @@ Result<void> read_place(const DicomLookup& values, DicomSlice& slice) {
     slice.column = {orientation[3], orientation[4], orientation[5]};
     const double sine = glm::length(glm::cross(slice.row, slice.column));
     if (!(std::abs(sine - 1) < 1e-2) || !(std::abs(glm::length(slice.row) - 1) < 1e-2))
-      return fail(ErrorCode::bad_file, slice.label(),
-                  ": ImageOrientationPatient is not two perpendicular unit vectors");
+      return bad_file(slice.label(),
+                      "ImageOrientationPatient is not two perpendicular unit vectors");
   }
   if (position.size() == 3) slice.position = {position[0], position[1], position[2]};
   slice.placed = position.size() == 3 && orientation.size() == 6;
@@ -342,7 +338,7 @@ std::vector<bool> other_dimensions(const DicomFile& file) {
     constexpr std::array<DicomTag, 8> kOfSpace = {
         kStackId,        kInStackPosition, kPosition,      kPositionSequence,
         kVolumePosition, kSliceLocation,   kSegmentNumber, kReferencedSegment};
-    other.push_back(std::find(kOfSpace.begin(), kOfSpace.end(), tag) == kOfSpace.end());
+    other.push_back(std::ranges::find(kOfSpace, tag) == kOfSpace.end());
   }
   return other;
 }
@@ -421,20 +417,19 @@ Result<void> count_frames(const DicomFile& file, const DicomLookup& values, Dico
   const double frames = std::max(values.number(kFrames).value_or(1), 1.0);
   const auto groups = file.data.items(kFrameGroups).size();
   if (groups > 0 && frames != static_cast<double>(groups))
-    return fail(ErrorCode::bad_file, slice.path, ": NumberOfFrames is ", frames, ", but ", groups,
-                " frames have functional groups");
+    return bad_file(slice.path, "NumberOfFrames is ", frames, ", but ", groups,
+                    " frames have functional groups");
   if (frames != std::trunc(frames) || frames > 1e6)
-    return fail(ErrorCode::bad_file, slice.path, ": NumberOfFrames is ", frames,
-                ", expected a count up to 1000000");
+    return bad_file(slice.path, "NumberOfFrames is ", frames, ", expected a count up to 1000000");
   if (slice.compressed && frames > static_cast<double>(file.fragments))
-    return fail(ErrorCode::bad_file, slice.path, ": ", frames, " frames, but its pixels have ",
-                file.fragments, " fragments");
+    return bad_file(slice.path, frames, " frames, but its pixels have ", file.fragments,
+                    " fragments");
   slice.frames = static_cast<std::uint32_t>(frames);
   const auto found = values.raw(slice.pixels_at).size();
   if (!slice.compressed && found < slice.file_bytes())
-    return fail(ErrorCode::bad_file, slice.path, ": ", slice.frames, " frames of ", slice.height,
-                "x", slice.width, " pixels of ", slice.one_bit ? "1 bit" : name(slice.type),
-                " need ", slice.file_bytes(), " bytes, PixelData holds ", found);
+    return bad_file(slice.path, slice.frames, " frames of ", slice.height, "x", slice.width,
+                    " pixels of ", slice.one_bit ? "1 bit" : name(slice.type), " need ",
+                    slice.file_bytes(), " bytes, PixelData holds ", found);
   return {};
 }
 
@@ -444,9 +439,9 @@ Result<std::vector<DicomSlice>> read_picture(const DicomFile& file, const DicomL
   // The frames of an enhanced file have places of their own, whatever words its ImageType has.
   if (file.data.items(kSharedGroups).empty() && file.data.items(kFrameGroups).empty() &&
       values.text(kImageType).find("MOSAIC") != std::string::npos)
-    return fail(ErrorCode::unsupported, slice.path,
-                ": a mosaic, whose one picture holds all slices: convert it, e.g. "
-                "`dcm2niix FOLDER`");
+    return unsupported(
+        slice.path,
+        "a mosaic, whose one picture holds all slices: convert it, e.g. `dcm2niix FOLDER`");
   SLF_TRY(read_format(values, slice));
   SLF_TRY(read_encoding(file, slice));
   SLF_TRY(count_frames(file, values, slice));
@@ -502,10 +497,10 @@ Result<std::vector<DicomSlice>> read_dicom_slices(const std::string& path) {
   const DicomLookup values(file.big_endian, {&file.data});
   if (values.raw(kRows).empty() && !file.damage) {
     if (has_no_picture(values)) return std::vector<DicomSlice>{};
-    file.damage = fail(ErrorCode::bad_file, path,
-                       ": a DICOM file without Rows: it is truncated, or its kind (SOP class ",
-                       in_quotes(values.text(kSopClass)), ") holds no picture; move it elsewhere")
-                      .value();
+    file.damage =
+        bad_file(path, "a DICOM file without Rows: it is truncated, or its kind (SOP class ",
+                 in_quotes(values.text(kSopClass)), ") holds no picture; move it elsewhere")
+            .value();
   }
   DicomSlice slice;
   slice.path = path;

@@ -9,10 +9,8 @@
 #include <cstdint>
 #include <functional>
 #include <glm/glm.hpp>
-#include <map>
 #include <memory>
 #include <optional>
-#include <span>
 #include <string>
 #include <string_view>
 #include <vector>

@@ -106,9 +106,10 @@ Wait wait_for_bytes(int from, std::uint64_t seconds) {
 Result<std::unique_ptr<DicomDecoder>> DicomDecoder::start(const std::vector<DicomSlice>& files) {
   for (const auto& file : files)
     if (decoded_bytes(file) > kMaxBytes)
-      return fail(ErrorCode::unsupported, file.path, ": ", file.frames, " frames of ", file.height,
-                  "x", file.width, " decode to ", decoded_bytes(file),
-                  " bytes, expected at most 2^30: decompress it first, `gdcmconv --raw IN OUT`");
+      return unsupported(
+          file.path, file.frames, " frames of ", file.height, "x", file.width, " decode to ",
+          decoded_bytes(file),
+          " bytes, expected at most 2^30: decompress it first, `gdcmconv --raw IN OUT`");
   static const Result<GdcmDecode*> loaded = load_gdcm();
   if (!loaded) return fail(loaded.error().code, files.front().path, ": ", loaded.error().message);
   GdcmDecode* const gdcm = *loaded;
@@ -159,8 +160,8 @@ Result<std::vector<std::byte>> DicomDecoder::read(const DicomSlice& file) {
 tl::unexpected<Error> DicomDecoder::decoding_error(const DicomSlice& file, bool late) {
   const std::string what = name_of_compression(file.syntax);
   if (late)
-    return fail(ErrorCode::bad_file, file.path, ": its pixels, ", what,
-                ", were not decoded within ", time_limit(file), " s: they are damaged");
+    return bad_file(file.path, "its pixels, ", what, ", were not decoded within ", time_limit(file),
+                    " s: they are damaged");
   int status = 0;
   pid_t ended = 0;
   while ((ended = ::waitpid(child_, &status, 0)) < 0 && errno == EINTR) {
@@ -172,10 +173,10 @@ tl::unexpected<Error> DicomDecoder::decoding_error(const DicomSlice& file, bool 
                 ": its decoder was killed: ", ::strsignal(WTERMSIG(status)));
   if (ended > 0 && WIFEXITED(status) && WEXITSTATUS(status) == kNotConfined)
     return not_confined(file.path);
-  return fail(ErrorCode::bad_file, file.path, ": its pixels, ", what,
-              ended > 0 && WIFSIGNALED(status) ? ", crash the decoder" : ", cannot be decoded",
-              " to ", file.frames, " frames of ", file.height, "x", file.width, " ",
-              name(file.type), ": they are damaged, copy the file again");
+  return bad_file(file.path, "its pixels, ", what,
+                  ended > 0 && WIFSIGNALED(status) ? ", crash the decoder" : ", cannot be decoded",
+                  " to ", file.frames, " frames of ", file.height, "x", file.width, " ",
+                  name(file.type), ": they are damaged, copy the file again");
 }
 
 }  // namespace slf::volume_io

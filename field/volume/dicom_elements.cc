@@ -1,8 +1,6 @@
 // Our own parser of DICOM elements; dicom_elements.h says why.
 #include "field/volume/dicom_elements.h"
 
-#include <zlib.h>
-
 #include <algorithm>
 #include <array>
 #include <bit>
@@ -24,8 +22,7 @@ constexpr std::string_view kImplicit = "1.2.840.10008.1.2", kBigEndian = "1.2.84
                            kDeflated = "1.2.840.10008.1.2.1.99";
 constexpr std::string_view kLongForms = "OB OD OF OL OV OW SQ SV UC UN UR UT UV";
 constexpr std::string_view kShortForms =
-    "AE AS AT CS DA DS DT FD FL IS LO LT PN SH SL SS ST TM UI "
-    "UL US";
+    "AE AS AT CS DA DS DT FD FL IS LO LT PN SH SL SS ST TM UI UL US";
 constexpr std::size_t kPreamble = 132;
 constexpr int kMaxNesting = 32;
 
@@ -55,7 +52,7 @@ constexpr std::array<DicomTag, 20> kSequences = {
 
 bool is_kept_sequence(DicomTag tag) {
   constexpr DicomTag kSharedGroups = 0x52009229;
-  return tag == kSharedGroups || std::binary_search(kSequences.begin(), kSequences.end(), tag);
+  return tag == kSharedGroups || std::ranges::binary_search(kSequences, tag);
 }
 
 bool is_one_of(std::string_view representation, std::string_view list) {
@@ -102,9 +99,9 @@ struct Walker {
   }
 
   tl::unexpected<Error> truncated(std::size_t from, std::uint64_t length) const {
-    return fail(ErrorCode::bad_file, path, ": the DICOM element at byte ", from, " claims ", length,
-                " bytes, but the file ends at byte ", bytes.size(),
-                ": it is truncated or damaged, copy it again");
+    return bad_file(path, "the DICOM element at byte ", from, " claims ", length,
+                    " bytes, but the file ends at byte ", bytes.size(),
+                    ": it is truncated or damaged, copy it again");
   }
 
   struct Element {
@@ -140,12 +137,12 @@ struct Walker {
   Result<void> items(std::vector<DicomDataSet>* into, Encoding encoding, std::size_t end, bool open,
                      bool of_bytes, int depth) {
     if (depth > kMaxNesting)
-      return fail(ErrorCode::bad_file, path, ": DICOM sequences nested deeper than ", kMaxNesting);
+      return bad_file(path, "DICOM sequences nested deeper than ", kMaxNesting);
     while (open || at < end) {
       const auto item = SLF_TRY(next(encoding, end));
       if (item.tag == kSequenceEnd && open) return {};
       if (item.tag != kItem || (of_bytes && item.length == kUndefined))
-        return fail(ErrorCode::bad_file, path, ": expected a DICOM item at byte ", item.from);
+        return bad_file(path, "expected a DICOM item at byte ", item.from);
       if (of_bytes) {
         ++found.fragments;
         at += item.length;
@@ -225,31 +222,21 @@ std::string inflated(const std::string& path, std::string_view packed,
   const auto error = [&](ErrorCode code, auto&&... parts) {
     damage = fail(code, path, ": its deflated data set ", parts...).value();
   };
-  z_stream stream{};
+  const auto unpacker = Unpacker::make(Packing::deflate);
+  auto state = Unpacker::State::more;
+  ByteSpan in = bytes_of(packed);
   std::string data;
-  if (inflateInit2(&stream, -15) != Z_OK) {
-    error(ErrorCode::out_of_memory, "needs more memory");
-    return data;
-  }
-  stream.next_in = reinterpret_cast<Bytef*>(const_cast<char*>(packed.data()));
-  int status = Z_OK;
-  // zlib's lengths have 32 bits, so feed longer data in parts.
-  for (std::size_t left = packed.size(); status == Z_OK && data.size() < kMaxInflated;) {
-    if (stream.avail_in == 0) {
-      stream.avail_in = static_cast<uInt>(std::min(left, kStep));
-      left -= stream.avail_in;
-    }
-    const std::size_t from = data.size();
+  for (bool goes_on = true; goes_on && data.size() < kMaxInflated;) {
+    const std::size_t from = data.size(), left = in.size();
     data.resize(from + kStep);
-    stream.next_out = reinterpret_cast<Bytef*>(data.data() + from);
-    stream.avail_out = kStep;
-    status = inflate(&stream, Z_NO_FLUSH);
-    data.resize(from + kStep - stream.avail_out);
+    auto out = std::as_writable_bytes(std::span(data).subspan(from));
+    state = unpacker->step(in, out);
+    data.resize(data.size() - out.size());
+    goes_on = state == Unpacker::State::more && (data.size() > from || in.size() < left);
   }
-  inflateEnd(&stream);
-  if (status == Z_OK)
+  if (state == Unpacker::State::more && data.size() >= kMaxInflated)
     error(ErrorCode::unsupported, "is larger than 1 GiB");
-  else if (status != Z_STREAM_END)
+  else if (state != Unpacker::State::ended)
     error(ErrorCode::bad_file, "is damaged or cut after ", data.size(),
           " inflated bytes: copy the file again");
   return data;
@@ -305,8 +292,8 @@ bool looks_like_dicom(std::string_view head) {
 Result<DicomBytes> read_dicom_bytes(const std::string& path) {
   auto bytes = SLF_TRY(read_whole(path));
   if (!looks_like_dicom(bytes))
-    return fail(ErrorCode::bad_file, path,
-                ": expected 'DICM' at byte 128, or DICOM elements of group 2 or 8 at its start");
+    return bad_file(path,
+                    "expected 'DICM' at byte 128, or DICOM elements of group 2 or 8 at its start");
   DicomBytes file{std::move(bytes)};
   Walker walker{path, file.bytes};
   const auto syntax = walker.meta();

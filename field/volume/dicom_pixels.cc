@@ -33,22 +33,9 @@ void keep_stored_bits_of(std::vector<std::byte>& pixels, const DicomSlice& slice
 }
 
 void keep_stored_bits(std::vector<std::byte>& pixels, const DicomSlice& slice) {
-  switch (slice.type) {
-    case ScalarType::u8:
-      return keep_stored_bits_of<std::uint8_t>(pixels, slice);
-    case ScalarType::i8:
-      return keep_stored_bits_of<std::int8_t>(pixels, slice);
-    case ScalarType::u16:
-      return keep_stored_bits_of<std::uint16_t>(pixels, slice);
-    case ScalarType::i16:
-      return keep_stored_bits_of<std::int16_t>(pixels, slice);
-    case ScalarType::u32:
-      return keep_stored_bits_of<std::uint32_t>(pixels, slice);
-    case ScalarType::i32:
-      return keep_stored_bits_of<std::int32_t>(pixels, slice);
-    default:
-      return;  // floating point
-  }
+  with_type(slice.type, [&]<class T>(T) {
+    if constexpr (std::is_integral_v<T>) keep_stored_bits_of<T>(pixels, slice);
+  });
 }
 
 /// One byte per pixel from bits, the lowest first, from pixel `first` on.
@@ -125,7 +112,7 @@ Result<std::vector<std::byte>> read_plain(const DicomSlice& file) {
   const DicomFile elements = parse_dicom(file.path, bytes);
   const auto data = DicomLookup(elements.big_endian, {&elements.data}).raw(file.pixels_at);
   if (data.size() < file.file_bytes())
-    return fail(ErrorCode::bad_file, file.path, ": it has changed while it was read");
+    return bad_file(file.path, "it has changed while it was read");
   const auto* from = reinterpret_cast<const std::byte*>(data.data());
   return std::vector<std::byte>(from, from + file.file_bytes());
 }

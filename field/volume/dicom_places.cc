@@ -59,18 +59,17 @@ std::string where(const DicomSlice& slice) {
 Result<void> check_counts(const std::vector<Place>& places) {
   std::map<std::size_t, std::size_t> places_with;
   for (const auto& place : places) ++places_with[place.size()];
-  const auto usual = std::max_element(places_with.begin(), places_with.end(), [](auto& a, auto& b) {
+  const auto usual = std::ranges::max_element(places_with, [](auto& a, auto& b) {
                        return a.second < b.second;
                      })->first;
   for (const auto& place : places) {
     const auto& first = place.front();
     if (place.size() < usual)
-      return fail(ErrorCode::bad_file, first.label(), ": the place ", where(first), " has ",
-                  place.size(), " of ", usual, " time points, which ", places_with[usual],
-                  " others have: a slice is missing there");
-    const auto same = std::adjacent_find(place.begin(), place.end(), [](auto& a, auto& b) {
-      return !is_earlier(a, b) && !is_earlier(b, a);
-    });
+      return bad_file(first.label(), "the place ", where(first), " has ", place.size(), " of ",
+                      usual, " time points, which ", places_with[usual],
+                      " others have: a slice is missing there");
+    const auto same = std::ranges::adjacent_find(
+        place, [](auto& a, auto& b) { return !is_earlier(a, b) && !is_earlier(b, a); });
     const auto extra = place.size() > usual ? place.end() - 2 : same;
     if (extra != place.end())
       return fail(ErrorCode::unsupported, (extra + 1)->label(), " and ", extra->label(),
@@ -112,7 +111,7 @@ std::vector<std::string> names_of_times(const std::vector<Place>& places) {
 Result<void> place_by_number(std::vector<DicomSlice>& slices,
                              const std::optional<glm::dvec3>& spacing,
                              std::vector<std::string>& notes) {
-  std::stable_sort(slices.begin(), slices.end(), [](const DicomSlice& a, const DicomSlice& b) {
+  std::ranges::stable_sort(slices, [](const DicomSlice& a, const DicomSlice& b) {
     return std::pair(moment_of(a, DicomMoment::instance), a.frame) <
            std::pair(moment_of(b, DicomMoment::instance), b.frame);
   });
@@ -169,8 +168,8 @@ Result<DicomPlaces> sort_by_place(const DicomStack& stack,
   if (good.empty()) return tl::unexpected(*bad.front().problem);
   for (auto& slice : good) {
     if (const char* what = difference(good.front(), slice))
-      return fail(ErrorCode::unsupported, slice.label(), ": its ", what, " is not that of ",
-                  good.front().label(), ": a volume needs slices that are alike");
+      return unsupported(slice.label(), "its ", what, " is not that of ", good.front().label(),
+                         ": a volume needs slices that are alike");
   }
   for (auto& slice : good) {
     if (slice.spacing.x > 0) continue;
@@ -182,9 +181,8 @@ Result<DicomPlaces> sort_by_place(const DicomStack& stack,
   }
   if (!good.front().placed) SLF_TRY(place_by_number(good, spacing, sorted.notes));
 
-  std::stable_sort(good.begin(), good.end(), [](const DicomSlice& a, const DicomSlice& b) {
-    return height_of(a) < height_of(b);
-  });
+  std::ranges::stable_sort(
+      good, [](const DicomSlice& a, const DicomSlice& b) { return height_of(a) < height_of(b); });
   auto& places = sorted.places;
   for (const auto& slice : good) {
     const bool is_new =
@@ -193,7 +191,7 @@ Result<DicomPlaces> sort_by_place(const DicomStack& stack,
     places.back().push_back(slice);
   }
   leave_out_copies(places, sorted.notes);
-  for (auto& place : places) std::stable_sort(place.begin(), place.end(), is_earlier);
+  for (auto& place : places) std::ranges::stable_sort(place, is_earlier);
   SLF_TRY(check_counts(places));
 
   for (const auto& slice : bad) {

@@ -34,7 +34,7 @@ class Labels {
   [[nodiscard]] std::size_t shared() const { return shared_; }
 
   void copy_to(Volume& volume) const {
-    const auto highest = ids_.empty() ? 0 : *std::max_element(ids_.begin(), ids_.end());
+    const auto highest = ids_.empty() ? 0 : *std::ranges::max_element(ids_);
     volume.type = highest > 255 ? ScalarType::u16 : ScalarType::u8;
     volume.voxels.resize(voxel_bytes(volume));
     if (volume.type == ScalarType::u16)
@@ -77,13 +77,13 @@ Result<Volume> read_segmentation(const std::string& source, const DicomStack& st
   for (const auto& slice : slices) {
     if (slice.problem) return tl::unexpected(*slice.problem);
     if (!slice.placed || !(slice.spacing.x > 0))
-      return fail(ErrorCode::bad_file, slice.label(), ": a segmentation without ",
-                  slice.placed ? "PixelSpacing" : slice.unplaced);
+      return bad_file(slice.label(), "a segmentation without ",
+                      slice.placed ? "PixelSpacing" : slice.unplaced);
     if (slice.type != ScalarType::u8 || slice.components() != 1 || slice.segment == 0 ||
         slice.segment > 0xffff)
-      return fail(ErrorCode::unsupported, slice.label(), ": a segmentation of ", name(slice.type),
-                  " pixels for segment ", slice.segment,
-                  ", expected 1 or 8 bits for one of the segments 1 to 65535");
+      return unsupported(slice.label(), "a segmentation of ", name(slice.type),
+                         " pixels for segment ", slice.segment,
+                         ", expected 1 or 8 bits for one of the segments 1 to 65535");
   }
   Volume volume;
   volume.source = source;
@@ -110,9 +110,9 @@ Result<Volume> read_segmentation(const std::string& source, const DicomStack& st
   volume.label_styles = first.segmentation->segments;
   volume.notes.push_back(list_of(volume.label_styles));
   if (labels->shared() > 0)
-    volume.notes.push_back("segments overlap at " + std::to_string(labels->shared()) +
-                           " voxels, which belong to the one with the largest fraction, then to "
-                           "the highest number");
+    volume.notes.push_back(
+        "segments overlap at " + std::to_string(labels->shared()) +
+        " voxels, which belong to the one with the largest fraction, then to the highest number");
   return volume;
 }
 

@@ -21,19 +21,18 @@ struct Scan {
   std::optional<Error> stray{};      ///< of the first of them that may be of any series
 };
 
-void leave_out(const std::string& path, const Error& error, Scan& scan) {
+void leave_out(const Error& error, Scan& scan) {
   // Name some; a folder of ten thousand foreign files is not worth as many notes.
   constexpr std::size_t kNamed = 8;
   if (!scan.error) scan.error = error;
   if (scan.notes.size() < kNamed)
-    scan.notes.push_back("skipped " + (error.message.starts_with(path) ? "" : path + ": ") +
-                         error.message);
+    scan.notes.push_back("skipped " + error.message);
   else if (scan.notes.size() == kNamed)
     scan.notes.emplace_back("skipped more files that cannot be read");
 }
 
 bool is_named_dicom(const std::filesystem::path& path) {
-  const auto ending = lower(path.extension().string());
+  const auto ending = lower_case(path.extension().string());
   return ending == ".dcm" || ending == ".dicom" || ending == ".ima";
 }
 
@@ -41,7 +40,7 @@ void scan_file(const std::string& path, Scan& scan) {
   ++scan.files;
   const auto stray = [&](const Error& error) {
     if (!scan.stray) scan.stray = error;
-    leave_out(path, error, scan);
+    leave_out(error, scan);
   };
   constexpr std::size_t kHead = 1024;
   const auto head = read_head(path, kHead);
@@ -69,7 +68,7 @@ void leave_out_damaged_series(Scan& scan) {
     if (readable.contains(slice.series))
       kept.push_back(std::move(slice));
     else
-      leave_out(slice.path, *slice.problem, scan);
+      leave_out(*slice.problem, scan);
   scan.slices = std::move(kept);
 }
 
@@ -88,7 +87,7 @@ Result<Scan> scan_folder(const std::string& folder, bool deep) {
     if (it->is_regular_file(ignored)) files.push_back(it->path().string());
   }
   if (code) return fail(ErrorCode::io, folder, ": ", code.message());
-  std::sort(files.begin(), files.end());
+  std::ranges::sort(files);
   Scan scan;
   for (const auto& file : files) scan_file(file, scan);
   leave_out_damaged_series(scan);
@@ -102,8 +101,8 @@ Result<Scan> scan_folder(const std::string& folder) {
   if (!scan) return scan;
   if (scan->slices.empty() && scan->error) return tl::unexpected(*scan->error);
   if (scan->slices.empty())
-    return fail(ErrorCode::bad_file, folder, ": no DICOM pictures among its ", scan->files,
-                " files; give the folder that holds the slices themselves");
+    return bad_file(folder, "no DICOM pictures among its ", scan->files,
+                    " files; give the folder that holds the slices themselves");
   return scan;
 }
 
@@ -113,9 +112,8 @@ std::vector<DicomStack> divide(const std::vector<DicomSlice>& series) {
   std::vector<DicomStack> stacks;
   for (const auto& slice : series) {
     if (slice.problem) continue;
-    const auto same = std::find_if(stacks.begin(), stacks.end(), [&](const DicomStack& stack) {
-      return !difference(stack.slices.front(), slice);
-    });
+    const auto same = std::ranges::find_if(
+        stacks, [&](const DicomStack& stack) { return !difference(stack.slices.front(), slice); });
     if (same == stacks.end())
       stacks.push_back({.id = {}, .slices = {slice}});
     else
@@ -155,7 +153,7 @@ std::vector<DicomStack> stacks_of(const std::vector<DicomSlice>& slices) {
       stacks.push_back(std::move(parts[i]));
     }
   }
-  std::stable_sort(stacks.begin(), stacks.end(), [](const DicomStack& a, const DicomStack& b) {
+  std::ranges::stable_sort(stacks, [](const DicomStack& a, const DicomStack& b) {
     return parse_number(a.slices.front().number).value_or(1e300) <
            parse_number(b.slices.front().number).value_or(1e300);
   });
@@ -227,16 +225,15 @@ Result<Volume> read_chosen(const std::string& path, const Scan& scan,
     for (const auto& stack : chosen.empty() ? all : chosen)
       found += (found.empty() ? "" : ", ") + summary(stack);
     if (chosen.empty())
-      return fail(ErrorCode::usage, path, ": has no series ", in_quotes(*series),
-                  ", but these: ", found);
+      return misuse(path, "has no series ", in_quotes(*series), ", but these: ", found);
     return fail_without("series", ErrorCode::unsupported, path, ": ", chosen.size(),
                         " DICOM series, expected one: choose series ", found);
   }
   if (scan.stray)
     if (const auto missing = missing_number(chosen.front()))
-      return fail(ErrorCode::bad_file, path, ": the series has no slice number ", *missing,
-                  ", which may be the file that cannot be read: ", scan.stray->message,
-                  "; get it anew, or move it elsewhere if it is no slice");
+      return bad_file(path, "the series has no slice number ", *missing,
+                      ", which may be the file that cannot be read: ", scan.stray->message,
+                      "; get it anew, or move it elsewhere if it is no slice");
   auto volume = read_dicom_stack(path, chosen.front(), options);
   if (!volume) {
     // A file that was skipped may be what the volume lacks.
@@ -249,7 +246,6 @@ Result<Volume> read_chosen(const std::string& path, const Scan& scan,
   return volume;
 }
 
-/// The folder of a file.
 std::string folder_of(const std::string& path) {
   const auto folder = std::filesystem::path(path).parent_path();
   return folder.empty() ? "." : folder.string();
@@ -266,12 +262,12 @@ Result<Volume> read_dicom_file(const std::string& path, std::string_view,
                                const VolumeOptions& options) {
   const auto slices = SLF_TRY(read_dicom_slices(path));
   const bool is_directory =
-      slices.empty() && lower(std::filesystem::path(path).filename().string()) == "dicomdir";
+      slices.empty() && lower_case(std::filesystem::path(path).filename().string()) == "dicomdir";
   if (options.series || is_directory) return read_dicom_folder(folder_of(path), options);
   if (slices.empty())
-    return fail(ErrorCode::bad_file, path,
-                ": a DICOM file without a picture (a directory or a report); give the folder that "
-                "holds the slices, or one of them");
+    return bad_file(path,
+                    "a DICOM file without a picture (a directory or a report); give the folder "
+                    "that holds the slices, or one of them");
   const DicomSlice& first = slices.front();
   if (first.problem) return tl::unexpected(*first.problem);
   if (first.frames > 1 || first.segmentation)
@@ -280,18 +276,17 @@ Result<Volume> read_dicom_file(const std::string& path, std::string_view,
   // Of a series of several stacks, the one that the file is of.
   std::string id;
   for (const auto& stack : stacks_of(scan.slices))
-    if (std::any_of(stack.slices.begin(), stack.slices.end(), [&](const DicomSlice& slice) {
+    if (std::ranges::any_of(stack.slices, [&](const DicomSlice& slice) {
           return std::filesystem::path(slice.path).filename() ==
                  std::filesystem::path(path).filename();
         }))
       id = stack.id;
-  const auto same_series =
-      std::count_if(scan.slices.begin(), scan.slices.end(),
-                    [&](const DicomSlice& slice) { return slice.series == first.series; });
+  const auto same_series = std::ranges::count_if(
+      scan.slices, [&](const DicomSlice& slice) { return slice.series == first.series; });
   if (same_series <= 1)
-    return fail(ErrorCode::unsupported, path,
-                ": the single slice of its series in its folder; give a file that lies with the "
-                "others, or a multi-frame file");
+    return unsupported(path,
+                       "the single slice of its series in its folder; give a file that lies with "
+                       "the others, or a multi-frame file");
   return read_chosen(path, scan, id.empty() ? first.series : id, options);
 }
 

@@ -1,7 +1,6 @@
 // Stacks DICOM slices to a volume, sorted by position.
 #include <algorithm>
 #include <cmath>
-#include <cstring>
 #include <map>
 #include <span>
 #include <sstream>
@@ -66,7 +65,7 @@ Result<Step> step_of(const std::vector<DicomSlice>& slices, const VolumeOptions&
                   ": lies beside the line of the other slices: a volume needs a straight stack");
   }
   const double mean = range / static_cast<double>(gaps.size());
-  const auto [least, most] = std::minmax_element(gaps.begin(), gaps.end());
+  const auto [least, most] = std::ranges::minmax_element(gaps);
   const bool even = *most - mean <= kUneven * mean && mean - *least <= kUneven * mean;
   if (even) return Step{along * mean};
   if (options.resample) return Step{along * *least, true};
@@ -115,8 +114,8 @@ Result<void> resample(const std::vector<DicomSlice>& slices, bool nearest, Volum
   const double planes = std::floor((heights.back() - heights.front()) / gap + 1e-3) + 1;
   constexpr double kMost = 64;
   if (planes > kMost * static_cast<double>(slices.size()))
-    return fail(ErrorCode::unsupported, volume.source, ": resampled to the smallest distance, ",
-                gap, " mm, ", slices.size(), " slices would become ", planes);
+    return unsupported(volume.source, "resampled to the smallest distance, ", gap, " mm, ",
+                       slices.size(), " slices would become ", planes);
   const std::size_t plane = std::size_t{volume.dims[0]} * volume.dims[1];
   visit_voxels(volume, [&](auto voxels) {
     using T = std::remove_const_t<typename decltype(voxels)::element_type>;
@@ -191,8 +190,7 @@ Result<void> for_each_frame(
 Result<PlaneGrid> grid_of_planes(const std::vector<DicomSlice>& slices, const std::string& source) {
   std::vector<const DicomSlice*> sorted;
   for (const auto& slice : slices) sorted.push_back(&slice);
-  std::stable_sort(sorted.begin(), sorted.end(),
-                   [](auto* a, auto* b) { return height_of(*a) < height_of(*b); });
+  std::ranges::stable_sort(sorted, [](auto* a, auto* b) { return height_of(*a) < height_of(*b); });
   const DicomSlice& lowest = *sorted.front();
   const double from = height_of(lowest), range = height_of(*sorted.back()) - from;
   double least = range;
@@ -201,7 +199,7 @@ Result<PlaneGrid> grid_of_planes(const std::vector<DicomSlice>& slices, const st
         gap > 0.01 * lowest.spacing.x)
       least = std::min(least, gap);
   const auto is_multiple = [&](double gap) {
-    return std::all_of(slices.begin(), slices.end(), [&](const DicomSlice& slice) {
+    return std::ranges::all_of(slices, [&](const DicomSlice& slice) {
       const double at = (height_of(slice) - from) / gap;
       return std::abs(at - std::round(at)) <= kUneven;
     });
@@ -212,8 +210,8 @@ Result<PlaneGrid> grid_of_planes(const std::vector<DicomSlice>& slices, const st
   const double planes = std::round(range / gap) + 1;
   constexpr double kSparse = 1000;
   if (!is_multiple(gap) || planes > kSparse * static_cast<double>(slices.size()))
-    return fail(ErrorCode::bad_file, source, ": ", slices.size(), " frames lie within ", range,
-                " mm, not all at multiples of ", gap, " mm");
+    return bad_file(source, slices.size(), " frames lie within ", range,
+                    " mm, not all at multiples of ", gap, " mm");
   grid.count = static_cast<std::size_t>(planes);
   grid.origin = lowest.position;
   grid.step = range > 0 ? (sorted.back()->position - lowest.position) * (gap / range)
@@ -276,7 +274,7 @@ Result<Volume> read_dicom_stack(const std::string& source, const DicomStack& sta
   volume.axes[1] = first.column * first.spacing.y;
   SLF_TRY(check_axes(volume));
 
-  const bool uniform = std::all_of(slices.begin(), slices.end(), [&](const DicomSlice& s) {
+  const bool uniform = std::ranges::all_of(slices, [&](const DicomSlice& s) {
     return s.slope == first.slope && s.intercept == first.intercept;
   });
   volume.type = uniform ? first.component_type() : ScalarType::f32;

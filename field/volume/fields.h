@@ -7,6 +7,7 @@
 #include <type_traits>
 
 #include "base/bytes.h"
+#include "field/volume/voxels.h"
 
 namespace slf::volume_io {
 
@@ -24,6 +25,10 @@ struct Fields {
                            std::conditional_t<sizeof(T) == 4, std::uint32_t, std::uint64_t>>>;
     const auto* from = reinterpret_cast<const std::byte*>(bytes.data()) + at;
     return std::bit_cast<T>(big_endian ? load_be<Bits>(from) : load_le<Bits>(from));
+  }
+  /// A number of this type. REQUIRES: as get().
+  [[nodiscard]] double number(ScalarType type, std::size_t at) const {
+    return with_type(type, [&]<class T>(T) { return static_cast<double>(get<T>(at)); });
   }
 };
 

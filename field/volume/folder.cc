@@ -137,8 +137,7 @@ Result<void> same_kind(const std::string& source, const SliceKind& here,
                        std::optional<SliceKind>& kind) {
   if (!kind) kind = here;
   if (*kind == here) return {};
-  return fail(ErrorCode::unsupported, source, ": ", describe(here), ", unlike the other slices (",
-              describe(*kind), ")");
+  return unsupported(source, describe(here), ", unlike the other slices (", describe(*kind), ")");
 }
 
 Result<ComponentSelector> ComponentSelector::make(const std::string& source, const SliceKind& kind,
@@ -208,9 +207,9 @@ Result<Volume> read_folder(const std::string& path, const VolumeOptions& options
   }
   const std::size_t strays = all - files[format].size();
   if (strays > 0 && !are_strays(strays, all))
-    return fail(ErrorCode::unsupported, path, ": ", found,
-                ", expected one kind: move the others to a folder of their own");
-  std::sort(files[format].begin(), files[format].end(), natural_less);
+    return unsupported(path, found,
+                       ", expected one kind: move the others to a folder of their own");
+  std::ranges::sort(files[format], natural_less);
   if (kFormats[format].append == append_tiff) {
     auto set = SLF_TRY(read_set(files[format], options));
     if (set) return std::move(*set);

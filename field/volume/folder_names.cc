@@ -24,7 +24,7 @@ PictureName parse_name(const std::string& path) {
   PictureName result;
   result.name = std::filesystem::path(path).filename().string();
   const auto dot = std::min(result.name.rfind('.'), result.name.size());
-  const std::string text = result.name.substr(0, dot) + lower(result.name.substr(dot));
+  const std::string text = result.name.substr(0, dot) + lower_case(result.name.substr(dot));
   constexpr std::string_view kDigits = "0123456789";
   for (std::size_t at = 0; at < text.size();) {
     const auto end = std::min(text.find_first_not_of(kDigits, at), text.size());
@@ -46,7 +46,7 @@ PictureName parse_name(const std::string& path) {
 std::vector<std::uint64_t> column(const std::vector<PictureName>& names, std::size_t place) {
   std::vector<std::uint64_t> numbers;
   for (const auto& name : names) numbers.push_back(name.numbers[place]);
-  std::sort(numbers.begin(), numbers.end());
+  std::ranges::sort(numbers);
   return numbers;
 }
 
@@ -95,8 +95,8 @@ Result<void> check_patterns(const std::string& folder, std::vector<PictureName>&
   }
   std::vector<std::vector<std::string>> series;
   for (auto& [pattern, members] : by_pattern) series.push_back(std::move(members));
-  std::stable_sort(series.begin(), series.end(),
-                   [](const auto& a, const auto& b) { return a.size() > b.size(); });
+  std::ranges::stable_sort(series,
+                           [](const auto& a, const auto& b) { return a.size() > b.size(); });
   const std::size_t strays = names.size() - series[0].size();
   if (are_strays(strays, names.size())) {
     const std::string kept = parse_name(series[0].front()).pattern;
@@ -107,10 +107,10 @@ Result<void> check_patterns(const std::string& folder, std::vector<PictureName>&
                     " unlike the series " + in_quotes(series[0].front()));
     return {};
   }
-  return fail(ErrorCode::unsupported, folder, ": pictures of ", series.size(),
-              " series: ", series[0].size(), " as ", in_quotes(series[0].front()), ", ",
-              series[1].size(), " as ", in_quotes(series[1].front()),
-              ": move those of one series to a folder of their own");
+  return unsupported(folder, "pictures of ", series.size(), " series: ", series[0].size(), " as ",
+                     in_quotes(series[0].front()), ", ", series[1].size(), " as ",
+                     in_quotes(series[1].front()),
+                     ": move those of one series to a folder of their own");
 }
 
 }  // namespace
@@ -126,32 +126,29 @@ Result<void> check_numbering(const std::string& folder, std::vector<std::string>
                 [&](const std::string& file) { return !kept.contains(parse_name(file).name); });
   const auto& pattern = names.front().pattern;
   if (names.back().pattern != pattern || names.size() < 2) return {};
-  if (std::any_of(names.begin(), names.end(), [](const auto& name) { return name.too_long; }))
-    return {};
+  if (std::ranges::any_of(names, [](const auto& name) { return name.too_long; })) return {};
 
   // A place whose numbers all differ numbers the slices.
   std::vector<std::size_t> varying, slices;
   for (std::size_t place = 0; place < names.front().numbers.size(); ++place) {
     const auto numbers = column(names, place);
     if (numbers.front() != numbers.back()) varying.push_back(place);
-    if (std::adjacent_find(numbers.begin(), numbers.end()) == numbers.end())
-      slices.push_back(place);
+    if (std::ranges::adjacent_find(numbers) == numbers.end()) slices.push_back(place);
   }
   if (slices.empty()) {
     for (std::size_t i = 1; i < names.size(); ++i)
       if (names[i].numbers == names[i - 1].numbers)
-        return fail(ErrorCode::bad_file, folder, ": ", in_quotes(names[i - 1].name), " and ",
-                    in_quotes(names[i].name), " have the same number: remove one");
+        return bad_file(folder, in_quotes(names[i - 1].name), " and ", in_quotes(names[i].name),
+                        " have the same number: remove one");
     if (pattern.find("#.#") != std::string::npos) return {};  // positions as 12.5, perhaps
     const std::size_t place = varying.back();
     const auto again = std::find_if(names.begin() + 1, names.end(), [&](const PictureName& name) {
       return name.numbers[place] == names.front().numbers[place];
     });
-    return fail(ErrorCode::unsupported, folder,
-                ": pictures of several series: ", in_quotes(names.front().name), " and ",
-                in_quotes((again == names.end() ? names.back() : *again).name),
-                " differ in more than one number: move those of one series to a folder of their "
-                "own");
+    return unsupported(
+        folder, "pictures of several series: ", in_quotes(names.front().name), " and ",
+        in_quotes((again == names.end() ? names.back() : *again).name),
+        " differ in more than one number: move those of one series to a folder of their own");
   }
   std::vector<std::uint64_t> best;
   for (const std::size_t place : slices) {
@@ -170,10 +167,10 @@ Result<void> check_numbering(const std::string& folder, std::vector<std::string>
     notes.emplace_back("the numbers of its pictures are uneven: stacked in their order");
     return {};
   }
-  return fail(ErrorCode::bad_file, folder, ": of its pictures, numbered ", best.front(), " to ",
-              best.back(), ", ", missing(best, steps.least),
-              " is missing: add it, or number the pictures without a gap to stack them as they "
-              "are");
+  return bad_file(
+      folder, "of its pictures, numbered ", best.front(), " to ", best.back(), ", ",
+      missing(best, steps.least),
+      " is missing: add it, or number the pictures without a gap to stack them as they are");
 }
 
 }  // namespace slf::volume_io

@@ -5,8 +5,6 @@
 #include <filesystem>
 #include <map>
 
-#include "field/volume/io.h"
-
 namespace slf::volume_io {
 
 const std::vector<VolumeFormat>& volume_formats() {
@@ -67,86 +65,74 @@ constexpr auto kMesh = "a mesh has surfaces and no voxels; give the volume that 
 constexpr auto kArchive = "unpack it, and give the file or the folder in it"sv;
 struct Magic {
   std::size_t at;
-  std::string_view bytes;
-  Known known;
+  std::string_view bytes, name, way;
 };
 
 /// By bytes at a fixed place. Longer ones stand before those that they begin with.
-constexpr std::array kMagics = {
-    Magic{0, "SIMPLE  ="sv, {"a FITS image", "save its array as .npy, with astropy.io.fits"}},
-    Magic{0, "\nmnc"sv, {"a MINC volume", "convert it to NIfTI, `mnc2nii IN OUT.nii`"}},
-    Magic{0,
-          "MATLAB 5.0 MAT-file"sv,
-          {"a MATLAB file", "save its array as NIfTI (niftiwrite) or .npy (scipy.io.loadmat)"}},
-    Magic{0,
-          "# === DATA DESCRIPTION FILE"sv,
-          {"a Philips PAR/REC header", "convert it to NIfTI, `dcm2niix IN` or `parrec2nii IN`"}},
-    Magic{0, "mrtrix image"sv, {"an MRtrix image", "convert it, `mrconvert IN OUT.nii`"}},
-    Magic{0, "mrtrix tracks"sv, {"a tractogram (MRtrix)", "it holds curves and no voxels"}},
-    Magic{0, "TRACK\0"sv, {"a tractogram (TrackVis)", "it holds curves and no voxels"}},
-    Magic{0, "!INTERFILE"sv, {"an Interfile header", "convert it to NIfTI, with (X)MedCon"}},
-    Magic{0, "MATRIX7"sv, {"an ECAT 7 volume", "convert it to NIfTI, with nibabel"}},
-    Magic{0, "#INRIMAGE-4#"sv, {"an Inrimage volume", kOneArray}},
-    Magic{0, "ENVI\r"sv, {"an ENVI header", kOneArray}},
-    Magic{0, "ENVI\n"sv, {"an ENVI header", kOneArray}},
-    Magic{0, "# AmiraMesh"sv, {"an Amira file", "save it as NRRD or TIFF in Amira or Avizo"}},
-    Magic{0, "# Avizo"sv, {"an Avizo file", "save it as NRRD or TIFF in Amira or Avizo"}},
-    Magic{0, "PVM\n"sv, {"a PVM volume", "convert it to raw voxels, `pvm2raw IN OUT`"}},
-    Magic{0, "PVM2\n"sv, {"a PVM volume", "convert it to raw voxels, `pvm2raw IN OUT`"}},
-    Magic{0, "PVM3\n"sv, {"a PVM volume", "convert it to raw voxels, `pvm2raw IN OUT`"}},
-    Magic{0, "DDS v3"sv, {"a packed PVM volume", "convert it to raw voxels, `pvm2raw IN OUT`"}},
-    Magic{0, "ncaa\n"sv, {"a VFF volume", kOneArray}},
-    Magic{0,
-          " BDV\0\0\0\0"sv,
-          {"an OpenVDB file", "copy its grid to an array, and save that as .npy (numpy.save)"}},
-    Magic{0,
-          "NanoVDB"sv,
-          {"a NanoVDB file", "copy its grid to an array, and save that as .npy (numpy.save)"}},
-    Magic{0, "ZISRAWFILE"sv, {"a Zeiss CZI file", kAsOmeTiff}},
-    Magic{0, "\xda\xce\xbe\x0a"sv, {"a Nikon ND2 file", kAsOmeTiff}},
-    Magic{0,
-          "\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"sv,
-          {"an OLE compound file (such as Olympus OIB or Zeiss ZVI)", kAsOmeTiff}},
-    Magic{0, "\0\0\0\3\0\0\0"sv, {"a Gatan DM3 file", "save it as MRC or TIFF"}},
-    Magic{0, "\0\0\0\4\0\0\0\0"sv, {"a Gatan DM4 file", "save it as MRC or TIFF"}},
-    Magic{0, "\xff\xff\xfe"sv, {"a FreeSurfer surface", kMesh}},
-    Magic{0, "glTF"sv, {"a glTF scene", kMesh}},
-    Magic{0, "ply\n"sv, {"a PLY mesh", kMesh}},
-    Magic{0, "ply\r"sv, {"a PLY mesh", kMesh}},
-    Magic{0, "solid "sv, {"an STL mesh", kMesh}},
-    Magic{0, "Kaydara FBX"sv, {"an FBX scene", kMesh}},
-    Magic{0, "BLENDER"sv, {"a Blender file", kMesh}},
-    Magic{0, "GIF8"sv, {"a GIF picture", kOnePicture}},
-    Magic{8, "WEBP"sv, {"a WebP picture", kOnePicture}},
-    Magic{0, "\x76\x2f\x31\x01"sv, {"an OpenEXR picture", kOnePicture}},
-    Magic{0, "#?RADIANCE"sv, {"a Radiance picture", kOnePicture}},
-    Magic{0, "\0\0\0\x0cjP  "sv, {"a JPEG 2000 picture", kOnePicture}},
-    Magic{0, "\xff\x4f\xff\x51"sv, {"a JPEG 2000 picture", kOnePicture}},
-    Magic{0, "\x1a\x45\xdf\xa3"sv, {"a WebM or Matroska film", kFilm}},
-    Magic{4, "ftyp"sv, {"an MP4 film or HEIF picture", kFilm}},
-    Magic{8, "AVI "sv, {"an AVI film", kFilm}},
-    Magic{257, "ustar"sv, {"a tar archive", kArchive}},
-    Magic{0, "7z\xbc\xaf\x27\x1c"sv, {"a 7-Zip archive", kArchive}},
-    Magic{0, "Rar!\x1a\x07"sv, {"a RAR archive", kArchive}},
-    Magic{0, "PK\3\4"sv, {"a ZIP archive", kArchive}},
-    Magic{0, "\x04\x22\x4d\x18"sv, {"a file packed by lz4", "unpack it, `lz4 -d IN OUT`"}},
-    Magic{0, "\x1f\x9d"sv, {"a file packed by compress", "unpack it, `gunzip IN`"}},
-    Magic{16,
-          "\xde\xc0\xef\xbe"sv,
-          {"a light field, or another LMDB file", "give the volume that it was built from"}},
-    Magic{0, "%PDF-"sv, {"a PDF document", "give the volume itself"}},
-    Magic{0, "SQLite format 3"sv, {"an SQLite database", "give the volume itself"}},
-    Magic{0,
-          "version https://git-lfs"sv,
-          {"a pointer of Git LFS", "fetch the file itself, `git lfs pull`"}},
-    Magic{0,
-          "/annex/objects/"sv,
-          {"a pointer of git-annex", "fetch the file itself, `git annex get IN`"}},
+constexpr Magic kMagics[] = {
+    {0, "SIMPLE  =", "a FITS image", "save its array as .npy, with astropy.io.fits"},
+    {0, "\nmnc", "a MINC volume", "convert it to NIfTI, `mnc2nii IN OUT.nii`"},
+    {0, "MATLAB 5.0 MAT-file", "a MATLAB file",
+     "save its array as NIfTI (niftiwrite) or .npy (scipy.io.loadmat)"},
+    {0, "# === DATA DESCRIPTION FILE", "a Philips PAR/REC header",
+     "convert it to NIfTI, `dcm2niix IN` or `parrec2nii IN`"},
+    {0, "mrtrix image", "an MRtrix image", "convert it, `mrconvert IN OUT.nii`"},
+    {0, "mrtrix tracks", "a tractogram (MRtrix)", "it holds curves and no voxels"},
+    {0, "TRACK\0"sv, "a tractogram (TrackVis)", "it holds curves and no voxels"},
+    {0, "!INTERFILE", "an Interfile header", "convert it to NIfTI, with (X)MedCon"},
+    {0, "MATRIX7", "an ECAT 7 volume", "convert it to NIfTI, with nibabel"},
+    {0, "#INRIMAGE-4#", "an Inrimage volume", kOneArray},
+    {0, "ENVI\r", "an ENVI header", kOneArray},
+    {0, "ENVI\n", "an ENVI header", kOneArray},
+    {0, "# AmiraMesh", "an Amira file", "save it as NRRD or TIFF in Amira or Avizo"},
+    {0, "# Avizo", "an Avizo file", "save it as NRRD or TIFF in Amira or Avizo"},
+    {0, "PVM\n", "a PVM volume", "convert it to raw voxels, `pvm2raw IN OUT`"},
+    {0, "PVM2\n", "a PVM volume", "convert it to raw voxels, `pvm2raw IN OUT`"},
+    {0, "PVM3\n", "a PVM volume", "convert it to raw voxels, `pvm2raw IN OUT`"},
+    {0, "DDS v3", "a packed PVM volume", "convert it to raw voxels, `pvm2raw IN OUT`"},
+    {0, "ncaa\n", "a VFF volume", kOneArray},
+    {0, " BDV\0\0\0\0"sv, "an OpenVDB file",
+     "copy its grid to an array, and save that as .npy (numpy.save)"},
+    {0, "NanoVDB", "a NanoVDB file",
+     "copy its grid to an array, and save that as .npy (numpy.save)"},
+    {0, "ZISRAWFILE", "a Zeiss CZI file", kAsOmeTiff},
+    {0, "\xda\xce\xbe\x0a", "a Nikon ND2 file", kAsOmeTiff},
+    {0, "\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1",
+     "an OLE compound file (such as Olympus OIB or Zeiss ZVI)", kAsOmeTiff},
+    {0, "\0\0\0\3\0\0\0"sv, "a Gatan DM3 file", "save it as MRC or TIFF"},
+    {0, "\0\0\0\4\0\0\0\0"sv, "a Gatan DM4 file", "save it as MRC or TIFF"},
+    {0, "\xff\xff\xfe", "a FreeSurfer surface", kMesh},
+    {0, "glTF", "a glTF scene", kMesh},
+    {0, "ply\n", "a PLY mesh", kMesh},
+    {0, "ply\r", "a PLY mesh", kMesh},
+    {0, "solid ", "an STL mesh", kMesh},
+    {0, "Kaydara FBX", "an FBX scene", kMesh},
+    {0, "BLENDER", "a Blender file", kMesh},
+    {0, "GIF8", "a GIF picture", kOnePicture},
+    {8, "WEBP", "a WebP picture", kOnePicture},
+    {0, "\x76\x2f\x31\x01", "an OpenEXR picture", kOnePicture},
+    {0, "#?RADIANCE", "a Radiance picture", kOnePicture},
+    {0, "\0\0\0\x0cjP  "sv, "a JPEG 2000 picture", kOnePicture},
+    {0, "\xff\x4f\xff\x51", "a JPEG 2000 picture", kOnePicture},
+    {0, "\x1a\x45\xdf\xa3", "a WebM or Matroska film", kFilm},
+    {4, "ftyp", "an MP4 film or HEIF picture", kFilm},
+    {8, "AVI ", "an AVI film", kFilm},
+    {257, "ustar", "a tar archive", kArchive},
+    {0, "7z\xbc\xaf\x27\x1c", "a 7-Zip archive", kArchive},
+    {0, "Rar!\x1a\x07", "a RAR archive", kArchive},
+    {0, "PK\3\4", "a ZIP archive", kArchive},
+    {0, "\x04\x22\x4d\x18", "a file packed by lz4", "unpack it, `lz4 -d IN OUT`"},
+    {0, "\x1f\x9d", "a file packed by compress", "unpack it, `gunzip IN`"},
+    {16, "\xde\xc0\xef\xbe", "a light field, or another LMDB file",
+     "give the volume that it was built from"},
+    {0, "%PDF-", "a PDF document", "give the volume itself"},
+    {0, "SQLite format 3", "an SQLite database", "give the volume itself"},
+    {0, "version https://git-lfs", "a pointer of Git LFS", "fetch the file itself, `git lfs pull`"},
+    {0, "/annex/objects/", "a pointer of git-annex", "fetch the file itself, `git annex get IN`"},
 };
 
 bool has_ending(const std::string& file, std::initializer_list<std::string_view> endings) {
-  return std::any_of(endings.begin(), endings.end(),
-                     [&](auto ending) { return file.ends_with(ending); });
+  return std::ranges::any_of(endings, [&](auto ending) { return file.ends_with(ending); });
 }
 
 /// Formats within HDF5. `file`: the name in small letters.
@@ -176,7 +162,7 @@ std::optional<Known> known_by_structure(const std::string& file, std::string_vie
     return Known{"a Leica LIF file", kAsOmeTiff};
   if (head.starts_with("BM") && has_ending(file, {".bmp"}))
     return Known{"a BMP picture", kOnePicture};
-  const std::string start = lower(head.substr(0, 4096));
+  const std::string start = lower_case(head.substr(0, 4096));
   const std::string_view text = trim(start);
   const auto holds = [&](std::string_view part) { return start.find(part) != std::string::npos; };
   if (text.starts_with("<!doctype html") || text.starts_with("<html"))
@@ -190,6 +176,8 @@ std::optional<Known> known_by_structure(const std::string& file, std::string_vie
     return Known{"a scene of 3D Slicer", "save the volume in it, as NRRD"};
   if (text.starts_with("{") && holds("\"asset\"") && file.ends_with(".gltf"))
     return Known{"a glTF scene", kMesh};
+  if (text.starts_with("{") && holds("\"frames\""))
+    return Known{"a file of cameras", "name it pictures:IN, for the pictures that it lists"};
   if (text.starts_with("<?xml"))
     return Known{"an XML document of an unknown kind", "give the volume itself"};
   return std::nullopt;
@@ -199,7 +187,7 @@ std::optional<Known> known_by_structure(const std::string& file, std::string_vie
 std::optional<Known> known_by_name(const std::string& file, const std::string& path) {
   const auto has_partner = [&](std::initializer_list<const char*> endings) {
     std::error_code code;
-    return std::any_of(endings.begin(), endings.end(), [&](const char* ending) {
+    return std::ranges::any_of(endings, [&](const char* ending) {
       return fs::exists(fs::path(path).replace_extension(ending), code);
     });
   };
@@ -214,37 +202,36 @@ std::optional<Known> known_by_name(const std::string& file, const std::string& p
 }
 
 std::optional<Known> known_format(const std::string& path, std::string_view head) {
-  const std::string file = lower(without_packing(path));
+  const std::string file = lower_case(without_packing(path));
   if (const auto known = known_by_structure(file, head)) return known;
   for (const Magic& magic : kMagics)
     if (head.size() > magic.at && head.substr(magic.at).starts_with(magic.bytes))
-      return magic.known;
+      return Known{magic.name, magic.way};
   return known_by_name(file, path);
 }
 
 Error refusal(const std::string& path, const Known& known) {
-  return fail(ErrorCode::unsupported, path, ": ", known.name, ", which is not read: ", known.way)
-      .value();
+  return unsupported(path, known.name, ", which is not read: ", known.way).value();
 }
 
 }  // namespace
 
 Error refuse_file(const std::string& path, std::string_view head) {
   if (looks_like_png(head) || looks_like_jpeg(head))
-    return fail(ErrorCode::unsupported, path,
-                ": one picture, expected a volume: give the folder that holds the whole stack")
+    return unsupported(path,
+                       "one picture, expected a volume: give the folder that holds the whole stack")
         .value();
   if (const auto known = known_format(path, head)) return refusal(path, *known);
   const auto packing = packing_of_file(path);
   const std::string where = packing == Packing::none
                                 ? " at its start"
                                 : std::string(" at its start, unpacked from ") + name(packing);
-  const std::string file = lower(without_packing(path));
+  const std::string file = lower_case(without_packing(path));
   for (const VolumeFormat& format : volume_formats())
     for (const auto& [ending, start] : format.starts)
       if (file.ends_with(ending))
-        return fail(ErrorCode::bad_file, path, ": expected ", start, ", found ",
-                    in_quotes(head.substr(0, 16)), where, ": it is damaged, or misnamed")
+        return bad_file(path, "expected ", start, ", found ", in_quotes(head.substr(0, 16)), where,
+                        ": it is damaged, or misnamed")
             .value();
   if (file.ends_with(".img"))
     return fail_without(
@@ -286,13 +273,12 @@ Error refuse_folder(const std::string& path) {
       if (format_of(*head)) first_volume = file;
   }
   if (!first_volume.empty())
-    return fail(ErrorCode::unsupported, path, ": a folder of ", files, " files; give the one that ",
-                "is the volume, such as ", first_volume)
+    return unsupported(path, "a folder of ", files, " files; give the one that ",
+                       "is the volume, such as ", first_volume)
         .value();
   if (files == 0)
-    return fail(ErrorCode::bad_file, path, ": the folder holds no files",
-                folders ? ", only folders" : "",
-                ": give the folder that holds the slices themselves")
+    return bad_file(path, "the folder holds no files", folders ? ", only folders" : "",
+                    ": give the folder that holds the slices themselves")
         .value();
   std::string found;
   for (const auto& [name, count] : kinds)
@@ -300,15 +286,15 @@ Error refuse_folder(const std::string& path) {
         .append(count == 1 ? "once " : std::to_string(count) + " times ")
         .append(name);
   if (!found.empty()) found += ")";
-  return fail(ErrorCode::bad_file, path, ": among its ", files, " files is no DICOM picture, PNG, ",
-              "JPEG or TIFF", found, ": give the folder that holds the slices themselves")
+  return bad_file(path, "among its ", files, " files is no DICOM picture, PNG, ", "JPEG or TIFF",
+                  found, ": give the folder that holds the slices themselves")
       .value();
 }
 
 Result<void> refuse_series(const std::string& path, const VolumeOptions& options) {
   if (!options.series) return {};
-  return fail(ErrorCode::usage, path, ": series ", in_quotes(*options.series),
-              " was chosen, but this is not DICOM, which alone has series");
+  return misuse(path, "series ", in_quotes(*options.series),
+                " was chosen, but this is not DICOM, which alone has series");
 }
 
 }  // namespace slf::volume_io

@@ -2,10 +2,8 @@
 
 #include <algorithm>
 #include <array>
-#include <bit>
 #include <cmath>
 #include <cstring>
-#include <filesystem>
 #include <limits>
 #include <utility>
 
@@ -14,85 +12,60 @@
 
 namespace slf::volume_io {
 
-namespace {
+bool ByteReader::refill() {
+  file_.read(reinterpret_cast<char*>(chunk_.data()), static_cast<std::streamsize>(chunk_.size()));
+  in_ = std::span(chunk_).first(static_cast<std::size_t>(file_.gcount()));
+  return !in_.empty();
+}
 
-constexpr std::size_t kInputChunk = std::size_t{1} << 18;
+// A packed file may have several members, one after the other. Anything else after them is ignored.
+bool ByteReader::next_member() {
+  if (in_.empty() && !refill()) return false;
+  return begins_member(packing_, in_.front()) && unpacker_->restart();
+}
 
-}  // namespace
-
-struct ByteReader::State {
-  std::string path;
-  std::ifstream file;
-  Packing packing = Packing::none;
-  std::unique_ptr<Unpacker> unpacker;  // if it is packed
-  bool ended = false;                  // the packed stream is complete
-  std::vector<std::byte> chunk;
-  std::span<const std::byte> in;  // what is left of it
-  std::uint64_t unpacked = 0;
-
-  bool refill() {
-    file.read(reinterpret_cast<char*>(chunk.data()), static_cast<std::streamsize>(chunk.size()));
-    in = std::span(chunk).first(static_cast<std::size_t>(file.gcount()));
-    return !in.empty();
+Result<std::size_t> ByteReader::unpack(std::span<std::byte> to) {
+  const std::size_t wanted = to.size();
+  while (!to.empty() && !ended_) {
+    const bool at_end = in_.empty() && !refill();
+    const std::size_t room = to.size();
+    const auto state = unpacker_->step(in_, to);
+    unpacked_ += room - to.size();
+    if (state == Unpacker::State::ended)
+      ended_ = !next_member();
+    else if (state == Unpacker::State::damaged)
+      return bad_file(path_, "damaged packed data after ", unpacked_, " unpacked bytes (",
+                      unpacker_->problem(), "): the file is corrupt, copy it again");
+    else if (at_end && room == to.size())
+      return bad_file(path_, "the packed data stop after ", unpacked_,
+                      " unpacked bytes, before their end: the file is truncated, copy it again");
   }
-
-  // A packed file may have several members, one after the other. Anything else after them is
-  // ignored.
-  bool next_member() {
-    if (in.empty() && !refill()) return false;
-    return begins_member(packing, in.front()) && unpacker->restart();
-  }
-
-  Result<std::size_t> unpack(std::span<std::byte> to) {
-    const std::size_t wanted = to.size();
-    while (!to.empty() && !ended) {
-      const bool at_end = in.empty() && !refill();
-      const std::size_t room = to.size();
-      const auto state = unpacker->step(in, to);
-      unpacked += room - to.size();
-      if (state == Unpacker::State::ended)
-        ended = !next_member();
-      else if (state == Unpacker::State::damaged)
-        return fail(ErrorCode::bad_file, path, ": damaged packed data after ", unpacked,
-                    " unpacked bytes (", unpacker->problem(),
-                    "): the file is corrupt, copy it again");
-      else if (at_end && room == to.size())
-        return fail(ErrorCode::bad_file, path, ": the packed data stop after ", unpacked,
-                    " unpacked bytes, before their end: the file is truncated, copy it again");
-    }
-    return wanted - to.size();
-  }
-};
-
-ByteReader::ByteReader(std::unique_ptr<State> state) : state_(std::move(state)) {}
-ByteReader::ByteReader(ByteReader&&) noexcept = default;
-ByteReader& ByteReader::operator=(ByteReader&&) noexcept = default;
-ByteReader::~ByteReader() = default;
+  return wanted - to.size();
+}
 
 Result<ByteReader> ByteReader::open(const std::string& path, std::uint64_t offset, bool packed,
                                     Packing packing) {
+  constexpr std::uint64_t kInputChunk = std::uint64_t{1} << 18;
   const auto size = SLF_TRY(file_size(path));
-  auto state = std::make_unique<State>();
-  state->path = path;
-  state->file = SLF_TRY(open_regular(path));
-  state->file.seekg(static_cast<std::streamoff>(offset));
+  ByteReader reader;
+  reader.path_ = path;
+  reader.file_ = SLF_TRY(open_regular(path));
+  reader.file_.seekg(static_cast<std::streamoff>(offset));
   if (packed) {
-    state->chunk.resize(std::clamp<std::uint64_t>(size, 1, kInputChunk));
-    state->refill();
-    const std::string_view head(reinterpret_cast<const char*>(state->in.data()), state->in.size());
+    reader.chunk_.resize(std::clamp<std::uint64_t>(size, 1, kInputChunk));
+    reader.refill();
+    const std::string_view head = chars_of(reader.in_);
     if (packing == Packing::none) packing = packing_of(head);
-    state->packing = packing == Packing::none ? Packing::zlib : packing;
-    state->unpacker = Unpacker::make(state->packing);
+    reader.packing_ = packing == Packing::none ? Packing::zlib : packing;
+    reader.unpacker_ = Unpacker::make(reader.packing_);
   }
-  return ByteReader(std::move(state));
+  return reader;
 }
 
-Packing ByteReader::packing() const { return state_->packing; }
-
 Result<std::size_t> ByteReader::read(std::span<std::byte> to) {
-  if (state_->unpacker) return state_->unpack(to);
-  state_->file.read(reinterpret_cast<char*>(to.data()), static_cast<std::streamsize>(to.size()));
-  return static_cast<std::size_t>(state_->file.gcount());
+  if (unpacker_) return unpack(to);
+  file_.read(reinterpret_cast<char*>(to.data()), static_cast<std::streamsize>(to.size()));
+  return static_cast<std::size_t>(file_.gcount());
 }
 
 Result<std::string> read_head(const std::string& path, std::size_t limit) {
@@ -132,23 +105,23 @@ void widen_half_floats(Volume& volume) {
 Result<std::array<std::uint32_t, 3>> check_dims(const std::string& source,
                                                 std::span<const std::uint64_t> sizes) {
   if (sizes.size() < 3)
-    return fail(ErrorCode::unsupported, source, ": a picture of ", sizes.size(),
-                " dimensions, expected a volume of 3: give the file of the whole stack");
+    return unsupported(source, "a picture of ", sizes.size(),
+                       " dimensions, expected a volume of 3: give the file of the whole stack");
   std::array<std::uint32_t, 3> dims{};
   std::uint64_t product = 8;  // the widest voxel, so that a byte count cannot overflow
   for (std::size_t i = 0; i < 3; ++i) {
     if (sizes[i] == 0 || sizes[i] > std::numeric_limits<std::uint32_t>::max() ||
         product > std::numeric_limits<std::int64_t>::max() / sizes[i])
-      return fail(ErrorCode::bad_file, source, ": absurd dims ", sizes[0], "x", sizes[1], "x",
-                  sizes[2], ": each must be at least 1 and the volume below 2^63 bytes");
+      return bad_file(source, "absurd dims ", sizes[0], "x", sizes[1], "x", sizes[2],
+                      ": each must be at least 1 and the volume below 2^63 bytes");
     dims[i] = static_cast<std::uint32_t>(sizes[i]);
     product *= sizes[i];
   }
   for (std::size_t i = 0; i < 3; ++i)
     if (dims[i] == 1)
-      return fail(ErrorCode::unsupported, source, ": dims ", dims[0], "x", dims[1], "x", dims[2],
-                  " are a single slice; a volume has at least 2 voxels along each axis: give the "
-                  "file of the whole stack");
+      return unsupported(source, "dims ", dims[0], "x", dims[1], "x", dims[2],
+                         " are a single slice; a volume has at least 2 voxels along each axis: "
+                         "give the file of the whole stack");
   return dims;
 }
 
@@ -178,16 +151,15 @@ Result<ChosenVolume> choose_volume(const std::string& source, std::vector<std::u
     std::string found;
     for (const auto size : sizes)
       found.append(found.empty() ? "" : "x").append(std::to_string(size));
-    return fail(ErrorCode::unsupported, source, ": dims ", found,
-                ", expected 3, then time, then components: extract one volume into a file of its "
-                "own");
+    return unsupported(
+        source, "dims ", found,
+        ", expected 3, then time, then components: extract one volume into a file of its own");
   }
   const std::uint64_t times = sizes.size() > 3 ? sizes[3] : 1;
   const std::uint64_t components = sizes.size() > 4 ? sizes[4] : 1;
   std::uint64_t count = 0;
   if (__builtin_mul_overflow(times, components, &count))
-    return fail(ErrorCode::bad_file, source, ": absurd dims: ", times, " time points of ",
-                components, " components");
+    return bad_file(source, "absurd dims: ", times, " time points of ", components, " components");
   const auto dims =
       SLF_TRY(check_dims(source, std::span(sizes).first(std::min<std::size_t>(sizes.size(), 3))));
   const auto time = SLF_TRY(choose(source, options.time, times, "time point"));
@@ -208,31 +180,27 @@ Result<void> check_axes(const Volume& volume) {
                           " is ", length,
                           ", expected a positive finite number: choose the spacing");
     scale *= length;
-    if (!std::isfinite(volume.origin[i]))
-      return fail(ErrorCode::bad_file, volume.source, ": origin is not finite");
+    if (!std::isfinite(volume.origin[i])) return bad_file(volume.source, "origin is not finite");
   }
   const double volume_of_voxel = std::abs(glm::determinant(volume.axes));
   if (!(volume_of_voxel > 1e-6 * scale))
-    return fail(ErrorCode::bad_file, volume.source,
-                ": its axes are singular: two of them point the same way");
+    return bad_file(volume.source, "its axes are singular: two of them point the same way");
   return {};
 }
 
-namespace {
-
-bool is_length(double length) { return length > 1e-30 && length < 1e30; }
-
-}  // namespace
-
-double spacing_or(const VolumeOptions& options, std::size_t axis, double stated) {
-  return options.spacing ? (*options.spacing)[static_cast<int>(axis)] : stated;
+Result<double> spacing_or(const VolumeOptions& options, std::size_t axis, double stated,
+                          const std::string& source, const std::string& field) {
+  if (options.spacing) return (*options.spacing)[static_cast<int>(axis)];
+  if (stated > 0 && std::isfinite(stated)) return stated;
+  return fail_without("spacing", ErrorCode::bad_file, source, ": ", field, " is ", stated,
+                      ", expected a positive number: choose the spacing");
 }
 
 Result<void> place(const VolumeOptions& options, Volume& volume) {
   if (!options.spacing) return check_axes(volume);
   std::vector<int> lost;
   for (int i = 0; i < 3; ++i)
-    if (const double length = glm::length(volume.axes[i]); is_length(length))
+    if (const double length = glm::length(volume.axes[i]); length > 1e-30 && length < 1e30)
       volume.axes[i] /= length;
     else
       lost.push_back(i);

@@ -7,6 +7,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <fstream>
+#include <map>
 #include <memory>
 #include <optional>
 #include <span>
@@ -14,6 +15,7 @@
 #include <string_view>
 #include <vector>
 
+#include "base/ascii.h"
 #include "base/file.h"
 #include "field/volume/packing.h"
 #include "slf/error.h"
@@ -50,19 +52,26 @@ class ByteReader {
   /// io: missing, a folder or device, unreadable.
   [[nodiscard]] static Result<ByteReader> open(const std::string& path, std::uint64_t offset,
                                                bool packed, Packing packing = Packing::none);
-  ByteReader(ByteReader&&) noexcept;
-  ByteReader& operator=(ByteReader&&) noexcept;
-  ~ByteReader();
 
   /// Fills `to` and returns its size, or fewer bytes where the data end.
   /// bad_file: packed data that are damaged or stop before their end.
   [[nodiscard]] Result<std::size_t> read(std::span<std::byte> to);
-  [[nodiscard]] Packing packing() const;
+  [[nodiscard]] Packing packing() const { return packing_; }
 
  private:
-  struct State;
-  explicit ByteReader(std::unique_ptr<State> state);
-  std::unique_ptr<State> state_;
+  ByteReader() = default;
+  bool refill();
+  bool next_member();
+  Result<std::size_t> unpack(std::span<std::byte> to);
+
+  std::string path_;
+  std::ifstream file_;
+  Packing packing_ = Packing::none;
+  std::unique_ptr<Unpacker> unpacker_;  ///< if it is packed
+  bool ended_ = false;                  ///< the packed stream is complete
+  std::vector<std::byte> chunk_;
+  std::span<const std::byte> in_;  ///< what is left of it
+  std::uint64_t unpacked_ = 0;
 };
 
 /// The first bytes of a file, at most `limit`, unpacked if it is packed.
@@ -112,8 +121,11 @@ struct ChosenVolume {
 /// The note on files that state no spacing.
 inline constexpr const char* kNoSpacing = "it states no spacing: voxels are taken as 1x1x1";
 
-/// The spacing along an axis: that of the options, else what the file states.
-[[nodiscard]] double spacing_or(const VolumeOptions& options, std::size_t axis, double stated);
+/// The spacing along an axis: that of the options, else what the file states in `field`.
+/// bad_file: that is no positive number.
+[[nodiscard]] Result<double> spacing_or(const VolumeOptions& options, std::size_t axis,
+                                        double stated, const std::string& source,
+                                        const std::string& field);
 
 /// Fills `volume.voxels`, in native byte order, from `from`; dims and type are set. Adds the files
 /// that it reads, and a note if they hold more bytes than the volumes need. A file of voxels is
@@ -131,8 +143,7 @@ void swap_bytes(std::span<std::byte> values, std::size_t bytes_per_value);
 void widen_half_floats(Volume& volume);
 
 // Header text.
-[[nodiscard]] std::string_view trim(std::string_view text);
-[[nodiscard]] std::string lower(std::string_view text);
+using slf::trim;
 [[nodiscard]] std::vector<std::string_view> words(std::string_view text);
 [[nodiscard]] std::optional<double> parse_number(std::string_view text);
 [[nodiscard]] std::optional<std::int64_t> parse_integer(std::string_view text);
@@ -167,6 +178,47 @@ void widen_half_floats(Volume& volume);
 
 /// The next line of `text` from `at` on, without its end. Moves `at` to the line after it.
 [[nodiscard]] std::string_view next_line(std::string_view text, std::size_t& at);
+
+/// The cells of the next row of a table from `at` on, trimmed; an empty line has one. Double quotes
+/// may enclose a cell, and are doubled within it. Moves `at` behind the row, and counts in `line`.
+[[nodiscard]] std::vector<std::string> next_row(std::string_view text, std::size_t& at,
+                                                std::size_t& line, char separator = ',');
+
+/// The header of NRRD or MetaImage: a field and its value on each line.
+struct TextHeader {
+  std::string path;  ///< in messages
+  std::map<std::string, std::string, std::less<>> fields{};
+  std::size_t bytes = 0;              ///< of the header, with the line that ends it
+  std::vector<std::string> listed{};  ///< the names of data files, on lines of their own
+
+  /// Takes the lines of `head` from `at` on as names of data files.
+  void list(std::string_view head, std::size_t at);
+
+  /// The value of a field; null if there is none.
+  [[nodiscard]] const std::string* find(std::string_view field) const;
+
+  // All of these: bad_file if the value is something else.
+
+  [[nodiscard]] Result<std::string> required(std::string_view field) const;
+  /// From `low` to `high`. Required unless there is an `otherwise`.
+  [[nodiscard]] Result<std::int64_t> integer(std::string_view field, std::int64_t low,
+                                             std::int64_t high,
+                                             std::optional<std::int64_t> otherwise = {}) const;
+  /// So many words, or none if the field is missing.
+  [[nodiscard]] Result<std::vector<std::string_view>> parts(std::string_view field,
+                                                            std::size_t count) const;
+  /// So many numbers, or none if the field is missing.
+  [[nodiscard]] Result<std::vector<double>> numbers(std::string_view field,
+                                                    std::size_t count) const;
+  /// So many extents. Required.
+  [[nodiscard]] Result<std::vector<std::uint64_t>> sizes(std::string_view field,
+                                                         std::size_t count) const;
+  /// A file of voxels can be read. Errors as file_size().
+  [[nodiscard]] Result<void> check_data_file(const std::string& file) const;
+};
+
+/// The greatest number of bytes that headers may state.
+inline constexpr std::int64_t kMaxSkip = std::int64_t{1} << 53;
 
 // The readers, one per format; formats.h lists them. `head` is from read_head() and includes the
 // whole header.

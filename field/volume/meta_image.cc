@@ -4,7 +4,6 @@
 // in ITK, AnatomicalOrientation does not transform them.
 #include <algorithm>
 #include <cmath>
-#include <cstdlib>
 #include <map>
 
 #include "base/try.h"
@@ -14,76 +13,52 @@ namespace slf::volume_io {
 
 namespace {
 
-struct MetaHeader {
-  std::map<std::string, std::string, std::less<>> fields;
-  std::size_t bytes = 0;            // up to and including the last line, ElementDataFile
-  std::vector<std::string> listed;  // the lines after `ElementDataFile = LIST`
+/// Other names of fields.
+constexpr std::pair<std::string_view, const char*> kAliases[] = {
+    {"ElementSize", "ElementSpacing"},
+    {"Position", "Offset"},
+    {"Origin", "Offset"},
+    {"Rotation", "TransformMatrix"},
+    {"Orientation", "TransformMatrix"},
+    {"ElementByteOrderMSB", "BinaryDataByteOrderMSB"}};
 
-  /// The value of a field, under the first of several names that the header has.
-  const std::string* find(const std::vector<std::string_view>& names) const {
-    for (const auto name : names)
-      if (const auto found = fields.find(name); found != fields.end()) return &found->second;
-    return nullptr;
-  }
-};
-
-Result<MetaHeader> parse_meta_lines(const std::string& path, std::string_view head) {
-  MetaHeader header;
+Result<TextHeader> parse_meta_lines(const std::string& path, std::string_view head) {
+  TextHeader header{.path = path};
   for (int number = 1; header.bytes < head.size(); ++number) {
     const auto line = next_line(head, header.bytes);
     if (trim(line).empty()) continue;
     const auto equals = line.find('=');
     if (equals == std::string_view::npos)
-      return fail(ErrorCode::bad_file, path, ": line ", number, " of the MetaImage header is ",
-                  in_quotes(line), ", expected 'Field = value'");
+      return bad_file(path, "line ", number, " of the MetaImage header is ", in_quotes(line),
+                      ", expected 'Field = value'");
     const std::string field(trim(line.substr(0, equals)));
-    header.fields[field] = trim(line.substr(equals + 1));
-    if (field == "ObjectType" && lower(header.fields[field]) != "image")
-      return fail(ErrorCode::unsupported, path, ": a MetaIO ", in_quotes(header.fields[field]),
-                  ", expected ObjectType = Image");
+    const auto value = trim(line.substr(equals + 1));
+    header.fields[field] = value;
+    for (const auto& [alias, name] : kAliases)
+      if (field == alias) header.fields.try_emplace(name, value);
+    if (field == "ObjectType" && lower_case(value) != "image")
+      return unsupported(path, "a MetaIO ", in_quotes(value), ", expected ObjectType = Image");
     if (field != "ElementDataFile") continue;
-    if (header.fields[field].starts_with("LIST"))
-      for (std::size_t at = header.bytes; at < head.size();)
-        if (const auto name = trim(next_line(head, at)); !name.empty())
-          header.listed.emplace_back(name);
+    if (value.starts_with("LIST")) header.list(head, header.bytes);
     return header;
   }
-  return fail(ErrorCode::bad_file, path, ": the MetaImage header has no 'ElementDataFile' line");
+  return bad_file(path, "the MetaImage header has no 'ElementDataFile' line");
 }
 
-Result<std::vector<double>> numbers(const std::string& path, std::string_view field,
-                                    const std::string& text, std::size_t count) {
-  std::vector<double> result;
-  for (const auto word : words(text)) {
-    const auto value = parse_number(word);
-    if (!value)
-      return fail(ErrorCode::bad_file, path, ": '", field, "' holds ", in_quotes(word),
-                  ", expected a number");
-    result.push_back(*value);
-  }
-  if (result.size() != count)
-    return fail(ErrorCode::bad_file, path, ": '", field, "' has ", result.size(),
-                " values, expected ", count);
-  return result;
-}
-
-Result<bool> flag(const std::string& path, const MetaHeader& header,
-                  const std::vector<std::string_view>& names, bool otherwise) {
-  const auto* text = header.find(names);
+Result<bool> flag(const TextHeader& header, std::string_view field, bool otherwise) {
+  const auto* text = header.find(field);
   if (!text) return otherwise;
-  const auto value = lower(*text);
+  const auto value = lower_case(*text);
   if (value == "true" || value == "1" || value == "t") return true;
   if (value == "false" || value == "0" || value == "f") return false;
-  return fail(ErrorCode::bad_file, path, ": '", names.front(), "' is ", in_quotes(*text),
-              ", expected True or False");
+  return bad_file(header.path, "'", field, "' is ", in_quotes(*text), ", expected True or False");
 }
 
-Result<ScalarType> scalar_type(const std::string& path, const MetaHeader& header) {
-  const auto* text = header.find({"ElementType"});
-  if (!text) return fail(ErrorCode::bad_file, path, ": the header has no 'ElementType' line");
-  if (text->ends_with("_ARRAY"))
-    return fail(ErrorCode::unsupported, path, ": ElementType ", in_quotes(*text),
-                ", expected one number a voxel: extract one component");
+Result<ScalarType> scalar_type(const TextHeader& header) {
+  const auto text = SLF_TRY(header.required("ElementType"));
+  if (text.ends_with("_ARRAY"))
+    return unsupported(header.path, "ElementType ", in_quotes(text),
+                       ", expected one number a voxel: extract one component");
   // MET_LONG has 32 bits in MetaIO, on every machine.
   static const std::map<std::string_view, ScalarType> kTypes = {
       {"MET_UCHAR", ScalarType::u8},      {"MET_CHAR", ScalarType::i8},
@@ -93,59 +68,27 @@ Result<ScalarType> scalar_type(const std::string& path, const MetaHeader& header
       {"MET_LONG", ScalarType::i32},      {"MET_ULONG_LONG", ScalarType::u64},
       {"MET_LONG_LONG", ScalarType::i64}, {"MET_FLOAT", ScalarType::f32},
       {"MET_DOUBLE", ScalarType::f64}};
-  const auto found = kTypes.find(*text);
+  const auto found = kTypes.find(text);
   if (found != kTypes.end()) return found->second;
-  return fail(ErrorCode::bad_file, path, ": ElementType ", in_quotes(*text),
-              ", expected MET_UCHAR, MET_SHORT, MET_FLOAT or the like");
+  return bad_file(header.path, "ElementType ", in_quotes(text),
+                  ", expected MET_UCHAR, MET_SHORT, MET_FLOAT or the like");
 }
 
-Result<std::vector<std::uint64_t>> sizes_of(const std::string& path, const MetaHeader& header) {
-  const auto* rank_text = header.find({"NDims"});
-  const auto* size_text = header.find({"DimSize"});
-  if (!rank_text || !size_text)
-    return fail(ErrorCode::bad_file, path, ": the header has no '", rank_text ? "DimSize" : "NDims",
-                "' line");
-  const auto rank = parse_integer(*rank_text);
-  if (!rank || *rank < 1 || *rank > 10)
-    return fail(ErrorCode::bad_file, path, ": 'NDims' is ", in_quotes(*rank_text),
-                ", expected 1 to 10");
-  std::vector<std::uint64_t> sizes;
-  for (const auto word : words(*size_text)) {
-    const auto size = parse_integer(word);
-    if (!size || *size < 1)
-      return fail(ErrorCode::bad_file, path, ": 'DimSize' holds ", in_quotes(word),
-                  ", expected positive integers");
-    sizes.push_back(static_cast<std::uint64_t>(*size));
-  }
-  if (sizes.size() != static_cast<std::size_t>(*rank))
-    return fail(ErrorCode::bad_file, path, ": 'DimSize' has ", sizes.size(),
-                " values, expected NDims = ", *rank);
-  return sizes;
-}
-
-Result<void> set_position(const MetaHeader& header, std::size_t rank, const VolumeOptions& options,
+Result<void> set_position(const TextHeader& header, std::size_t rank, const VolumeOptions& options,
                           Volume& volume) {
   const std::string& path = volume.source;
   std::vector<double> spacing(rank, 1), origin(rank, 0), matrix(rank * rank, 0);
   for (std::size_t i = 0; i < rank; ++i) matrix[i * rank + i] = 1;
-  struct Part {
-    std::vector<std::string_view> names;
-    std::vector<double>* to;
-  };
-  for (const auto& [names, to] : {Part{{"ElementSpacing", "ElementSize"}, &spacing},
-                                  Part{{"Offset", "Position", "Origin"}, &origin},
-                                  Part{{"TransformMatrix", "Rotation", "Orientation"}, &matrix}})
-    if (const auto* text = to == &spacing && options.spacing ? nullptr : header.find(names)) {
-      auto values = SLF_TRY(numbers(path, names.front(), *text, to->size()));
-      *to = values;
-    }
-  if (!options.spacing && !header.find({"ElementSpacing", "ElementSize"}))
-    volume.notes.emplace_back(kNoSpacing);
+  for (const auto& [field, to] :
+       {std::pair{"ElementSpacing", &spacing}, {"Offset", &origin}, {"TransformMatrix", &matrix}}) {
+    if (to == &spacing && options.spacing) continue;
+    const auto numbers = SLF_TRY(header.numbers(field, to->size()));
+    if (!numbers.empty()) *to = numbers;
+  }
+  if (!options.spacing && !header.find("ElementSpacing")) volume.notes.emplace_back(kNoSpacing);
   for (std::size_t axis = 0; axis < 3; ++axis) {
-    spacing[axis] = spacing_or(options, axis, spacing[axis]);
-    if (!(spacing[axis] > 0) || !std::isfinite(spacing[axis]))
-      return fail_without("spacing", ErrorCode::bad_file, path, ": 'ElementSpacing' ", axis, " is ",
-                          spacing[axis], ", expected a positive number: choose the spacing");
+    spacing[axis] = SLF_TRY(
+        spacing_or(options, axis, spacing[axis], path, "'ElementSpacing' " + std::to_string(axis)));
     // A row of the matrix, as written, is the direction of an axis.
     const auto* row = matrix.data() + axis * rank;
     volume.axes[static_cast<int>(axis)] = glm::dvec3(row[0], row[1], row[2]) * spacing[axis];
@@ -154,27 +97,25 @@ Result<void> set_position(const MetaHeader& header, std::size_t rank, const Volu
   return {};
 }
 
-Result<void> read_scale(const MetaHeader& header, Volume& volume) {
-  struct Part {
-    std::string_view name;
-    double* to;
-  };
-  for (const auto& [name, to] : {Part{"ElementToIntensityFunctionSlope", &volume.slope},
-                                 Part{"ElementToIntensityFunctionOffset", &volume.intercept}})
-    if (const auto* text = header.find({name})) {
-      const auto value = parse_number(*text);
-      if (!value || !std::isfinite(*value) || (to == &volume.slope && *value == 0))
-        return fail(ErrorCode::bad_file, volume.source, ": '", name, "' is ", in_quotes(*text),
-                    ", expected a finite number, and a slope that is not 0");
-      *to = *value;
-    }
+Result<void> read_scale(const TextHeader& header, Volume& volume) {
+  for (const auto& [field, to] :
+       {std::pair{"ElementToIntensityFunctionSlope", &volume.slope},
+        std::pair{"ElementToIntensityFunctionOffset", &volume.intercept}}) {
+    const auto number = SLF_TRY(header.numbers(field, 1));
+    if (number.empty()) continue;
+    *to = number.front();
+    if (!std::isfinite(*to) || volume.slope == 0)
+      return bad_file(volume.source, "'", field, "' is ", *to,
+                      ", expected a finite number, and a slope that is not 0");
+  }
   return {};
 }
 
 /// The paths of several data files, in order: a list, or a pattern with numbers. Empty: one file.
-Result<std::vector<std::string>> data_files(const std::string& path, const MetaHeader& header,
+Result<std::vector<std::string>> data_files(const TextHeader& header,
                                             const std::vector<std::uint64_t>& sizes) {
-  const std::string& text = *header.find({"ElementDataFile"});
+  const std::string& path = header.path;
+  const std::string& text = *header.find("ElementDataFile");
   const auto parts = words(text);
   // As in MetaIO: `LIST [DIMENSIONS OF A FILE]`, or `PATTERN [FIRST [LAST [STEP]]]`.
   std::vector<std::int64_t> given;
@@ -185,8 +126,8 @@ Result<std::vector<std::string>> data_files(const std::string& path, const MetaH
     if (list && (word.ends_with('D') || word.ends_with('d'))) word.remove_suffix(1);
     const auto value = parse_integer(word);
     if (!value || !is_file_number(*value) || i > (list ? 1 : 3))
-      return fail(ErrorCode::bad_file, path, ": 'ElementDataFile' is ", in_quotes(text),
-                  ", expected a file, 'LIST', or a pattern with its first and last number");
+      return bad_file(path, "'ElementDataFile' is ", in_quotes(text),
+                      ", expected a file, 'LIST', or a pattern with its first and last number");
     given.push_back(*value);
   }
   const auto rank = static_cast<std::int64_t>(sizes.size());
@@ -195,8 +136,7 @@ Result<std::vector<std::string>> data_files(const std::string& path, const MetaH
                            : sizes.size() - 1;
   std::uint64_t count = 1;
   for (std::size_t i = of_file; i < sizes.size(); ++i)
-    if (__builtin_mul_overflow(count, sizes[i], &count))
-      return fail(ErrorCode::bad_file, path, ": absurd 'DimSize'");
+    if (__builtin_mul_overflow(count, sizes[i], &count)) return bad_file(path, "absurd 'DimSize'");
   std::vector<std::string> files;
   if (list) {
     // Whatever follows the names is not part of the list.
@@ -212,46 +152,30 @@ Result<std::vector<std::string>> data_files(const std::string& path, const MetaH
     files = SLF_TRY(numbered_files(path, parts.front(), first, last, step));
   }
   if (files.size() != count)
-    return fail(ErrorCode::bad_file, path, ": it names ", files.size(),
-                " data files, but its 'DimSize' needs ", count, ", each of ", of_file,
-                " dimensions");
+    return bad_file(path, "it names ", files.size(), " data files, but its 'DimSize' needs ", count,
+                    ", each of ", of_file, " dimensions");
   return files;
 }
 
-/// Finds the voxels.
-Result<VoxelData> locate(const MetaHeader& header, const Volume& volume,
-                         const std::vector<std::uint64_t>& sizes) {
-  const std::string& path = volume.source;
-  const auto binary = flag(path, header, {"BinaryData"}, true);
-  const auto packed = flag(path, header, {"CompressedData"}, false);
-  const auto big = flag(path, header, {"BinaryDataByteOrderMSB", "ElementByteOrderMSB"}, false);
-  for (const auto* result : {&binary, &packed, &big})
-    if (!*result) return tl::unexpected(result->error());
-  if (!*binary)
-    return fail(ErrorCode::unsupported, path,
-                ": voxels as text (BinaryData = False): save the "
-                "volume as binary");
-  VoxelData data{.path = path, .offset = header.bytes, .packed = *packed, .big_endian = *big};
-  const std::string& file = *header.find({"ElementDataFile"});
-  auto files = SLF_TRY(data_files(path, header, sizes));
-  if (!files.empty()) {
-    data.path = files.front();
-    data.offset = 0;
-    data.parts = std::move(files);
-  } else if (lower(file) != "local") {
-    data.path = beside(path, file);
+Result<VoxelData> locate(const TextHeader& header, const std::vector<std::uint64_t>& sizes) {
+  const std::string& path = header.path;
+  const auto binary = SLF_TRY(flag(header, "BinaryData", true));
+  if (!binary)
+    return unsupported(path, "voxels as text (BinaryData = False): save the volume as binary");
+  VoxelData data{.path = path, .offset = header.bytes};
+  data.packed = SLF_TRY(flag(header, "CompressedData", false));
+  data.big_endian = SLF_TRY(flag(header, "BinaryDataByteOrderMSB", false));
+  const std::string& file = *header.find("ElementDataFile");
+  data.parts = SLF_TRY(data_files(header, sizes));
+  if (!data.parts.empty() || lower_case(file) != "local") {
+    data.path = data.parts.empty() ? beside(path, file) : data.parts.front();
     data.offset = 0;
   }
-  const auto size = file_size(data.path);
-  if (!size)
-    return fail(size.error().code, path, ": its data file cannot be read: ", size.error().message);
-  if (const auto* text = header.find({"HeaderSize"}); text && data.path != path) {
-    const auto skip = parse_integer(*text);
-    if (!skip || *skip < -1 || *skip > (std::int64_t{1} << 53))
-      return fail(ErrorCode::bad_file, path, ": 'HeaderSize' is ", in_quotes(*text),
-                  ", expected a count of bytes, or -1");
-    data.at_end = *skip < 0 && !data.packed;
-    data.offset = static_cast<std::uint64_t>(std::max<std::int64_t>(*skip, 0));
+  SLF_TRY(header.check_data_file(data.path));
+  const auto skip = SLF_TRY(header.integer("HeaderSize", -1, kMaxSkip, 0));
+  if (header.find("HeaderSize") && data.path != path) {
+    data.at_end = skip < 0 && !data.packed;
+    data.offset = static_cast<std::uint64_t>(std::max<std::int64_t>(skip, 0));
   }
   return data;
 }
@@ -272,7 +196,7 @@ bool looks_like_meta(std::string_view head) {
 
 bool meta_names_files(std::string_view head) {
   for (std::size_t at = 0; at < head.size();) {
-    const std::string line = lower(trim(next_line(head, at)));
+    const std::string line = lower_case(trim(next_line(head, at)));
     if (line.starts_with("elementdatafile"))
       return trim(std::string_view(line).substr(line.find('=') + 1)) != "local";
   }
@@ -284,20 +208,17 @@ Result<Volume> read_meta(const std::string& path, std::string_view head,
   const auto header = SLF_TRY(parse_meta_lines(path, head));
   Volume volume;
   volume.source = path;
-  const auto* channels = header.find({"ElementNumberOfChannels"});
-  const auto count = channels ? parse_integer(*channels) : 1;
-  if (!count || *count < 1 || *count > 4096)
-    return fail(ErrorCode::bad_file, path, ": 'ElementNumberOfChannels' is ", in_quotes(*channels),
-                ", expected 1 to 4096");
-  volume.type = SLF_TRY(scalar_type(path, header));
-  const auto sizes = SLF_TRY(sizes_of(path, header));
+  const auto channels = SLF_TRY(header.integer("ElementNumberOfChannels", 1, 4096, 1));
+  volume.type = SLF_TRY(scalar_type(header));
+  const auto rank = SLF_TRY(header.integer("NDims", 1, 10));
+  const auto sizes = SLF_TRY(header.sizes("DimSize", static_cast<std::size_t>(rank)));
   const auto chosen = SLF_TRY(choose_volume(path, sizes, options));
   volume.dims = chosen.dims;
   SLF_TRY(set_position(header, sizes.size(), options, volume));
   SLF_TRY(read_scale(header, volume));
-  auto data = SLF_TRY(locate(header, volume, sizes));
-  data.components = static_cast<std::uint32_t>(*count);
-  if (*count > 1 || !chosen.by_component) {
+  auto data = SLF_TRY(locate(header, sizes));
+  data.components = static_cast<std::uint32_t>(channels);
+  if (channels > 1 || !chosen.by_component) {
     data.component = SLF_TRY(choose(path, options.component, data.components, "component"));
   }
   data.index = chosen.index;

@@ -3,6 +3,8 @@
 //
 // Why our own reader? The format is a big-endian header with fixed offsets, then voxels at byte
 // 284.
+#include <algorithm>
+
 #include "base/try.h"
 #include "field/volume/fields.h"
 #include "field/volume/io.h"
@@ -13,23 +15,11 @@ namespace {
 
 constexpr std::size_t kMghHeader = 90, kVoxels = 284;
 
-/// Types by their code.
-std::optional<ScalarType> scalar_type(std::int32_t code) {
-  switch (code) {
-    case 0:
-      return ScalarType::u8;
-    case 1:
-      return ScalarType::i32;
-    case 3:
-      return ScalarType::f32;
-    case 4:
-      return ScalarType::i16;
-    case 10:
-      return ScalarType::u16;
-    default:
-      return std::nullopt;
-  }
-}
+constexpr std::pair<std::int32_t, ScalarType> kTypes[] = {{0, ScalarType::u8},
+                                                          {1, ScalarType::i32},
+                                                          {3, ScalarType::f32},
+                                                          {4, ScalarType::i16},
+                                                          {10, ScalarType::u16}};
 
 /// Sets the position from the directions of the axes and the centre of the volume, which are RAS.
 Result<void> set_position(const Fields& header, const VolumeOptions& options, Volume& volume) {
@@ -53,10 +43,9 @@ Result<void> set_position(const Fields& header, const VolumeOptions& options, Vo
   const glm::dvec3 to_lps(-1, -1, 1);
   glm::dvec3 middle;
   for (int axis = 0; axis < 3; ++axis) {
-    spacing[axis] = spacing_or(options, static_cast<std::size_t>(axis), spacing[axis]);
-    if (!(spacing[axis] > 0))
-      return fail(ErrorCode::bad_file, volume.source, ": spacing along axis ", axis, " is ",
-                  spacing[axis], ", expected a positive number");
+    spacing[axis] =
+        SLF_TRY(spacing_or(options, static_cast<std::size_t>(axis), spacing[axis], volume.source,
+                           "spacing along axis " + std::to_string(axis)));
     volume.axes[axis] = to_lps * directions[axis] * spacing[axis] + 0.0;  // + 0.0: no -0
     middle[axis] = volume.dims[static_cast<std::size_t>(axis)] / 2.0;
   }
@@ -84,11 +73,11 @@ Result<Volume> read_mgh(const std::string& path, std::string_view head,
   Volume volume;
   volume.source = path;
   const auto code = header.get<std::int32_t>(20);
-  const auto type = scalar_type(code);
-  if (!type)
-    return fail(ErrorCode::unsupported, path, ": MGH voxels of type ", code,
-                ", expected 0, 1, 3, 4 or 10: convert it, `mri_convert IN OUT.nii.gz`");
-  volume.type = *type;
+  const auto* type = std::ranges::find(kTypes, code, &std::pair<std::int32_t, ScalarType>::first);
+  if (type == std::end(kTypes))
+    return unsupported(path, "MGH voxels of type ", code,
+                       ", expected 0, 1, 3, 4 or 10: convert it, `mri_convert IN OUT.nii.gz`");
+  volume.type = type->second;
   std::vector<std::uint64_t> sizes;
   for (const std::size_t at : {4, 8, 12, 16})
     sizes.push_back(static_cast<std::uint64_t>(header.get<std::int32_t>(at)));

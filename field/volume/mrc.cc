@@ -4,14 +4,12 @@
 // Debian has no library for it that is made for damaged files. World coordinates are the file's, in
 // ångströms; they have no anatomical directions.
 #include <algorithm>
-#include <bit>
 #include <cmath>
-#include <cstring>
 #include <iterator>
 #include <numbers>
 
-#include "base/bytes.h"
 #include "base/try.h"
+#include "field/volume/fields.h"
 #include "field/volume/io.h"
 
 namespace slf::volume_io {
@@ -24,21 +22,18 @@ constexpr std::int32_t kFourBits = 101;
 
 /// The 4-byte words of the header, counted from 1 as the specification does.
 struct Words {
-  std::string_view head;
-  bool big_endian;
+  Fields fields;
 
   [[nodiscard]] std::int32_t integer(std::size_t word) const {
-    const auto* at = reinterpret_cast<const std::byte*>(head.data()) + 4 * (word - 1);
-    return std::bit_cast<std::int32_t>(big_endian ? load_be<std::uint32_t>(at)
-                                                  : load_le<std::uint32_t>(at));
+    return fields.get<std::int32_t>(4 * (word - 1));
   }
-  [[nodiscard]] double real(std::size_t word) const { return std::bit_cast<float>(integer(word)); }
+  [[nodiscard]] double real(std::size_t word) const { return fields.get<float>(4 * (word - 1)); }
 };
 
 // The machine stamp is often wrong. Tests instead in which order words 17 to 19 permute 1, 2, 3.
 std::optional<bool> byte_order(std::string_view head) {
   for (const bool big : {false, true}) {
-    const Words words{head, big};
+    const Words words{{head, big}};
     int seen = 0;
     for (const std::size_t word : {17, 18, 19}) {
       const auto axis = words.integer(word);
@@ -71,11 +66,11 @@ Result<ScalarType> scalar_type(const std::string& path, const Words& words) {
       return ScalarType::u8;
     case 3:
     case 4:
-      return fail(ErrorCode::unsupported, path, ": mode ", mode, " (complex numbers), expected 0, ",
-                  "1, 2, 6, 12 or 101: it is a transform; convert it to a map in real space");
+      return unsupported(
+          path, "mode ", mode, " (complex numbers), expected 0, ",
+          "1, 2, 6, 12 or 101: it is a transform; convert it to a map in real space");
     default:
-      return fail(ErrorCode::bad_file, path, ": mode is ", mode,
-                  ", expected 0, 1, 2, 6, 12 or 101");
+      return bad_file(path, "mode is ", mode, ", expected 0, 1, 2, 6, 12 or 101");
   }
 }
 
@@ -100,7 +95,7 @@ Result<void> set_position(const Words& words, const std::array<int, 3>& axis_of,
   }
   for (std::size_t i = 0; i < 3; ++i) {
     double& along = step[static_cast<int>(axis_of[i])];
-    along = spacing_or(options, i, along);
+    along = SLF_TRY(spacing_or(options, i, along, volume.source, "its cell's spacing"));
   }
   const auto cosine = [&](int i) {
     return std::abs(angle[i] - std::numbers::pi / 2) < 1e-6 ? 0.0 : std::cos(angle[i]);
@@ -151,7 +146,7 @@ bool looks_like_mrc(std::string_view head) {
 
 Result<Volume> read_mrc(const std::string& path, std::string_view head,
                         const VolumeOptions& options) {
-  const Words words{head, byte_order(head).value_or(false)};
+  const Words words{{head, byte_order(head).value_or(false)}};
   Volume volume;
   volume.source = path;
   volume.type = SLF_TRY(scalar_type(path, words));
@@ -174,9 +169,8 @@ Result<Volume> read_mrc(const std::string& path, std::string_view head,
 
   const auto extended = words.integer(24);
   if (extended < 0)
-    return fail(ErrorCode::bad_file, path, ": its extended header has ", extended,
-                " bytes, expected 0 or more");
-  VoxelData data{.path = path, .big_endian = words.big_endian};
+    return bad_file(path, "its extended header has ", extended, " bytes, expected 0 or more");
+  VoxelData data{.path = path, .big_endian = words.fields.big_endian};
   data.skip = kHeader + static_cast<std::uint64_t>(extended);
   data.packed = packing_of_file(path) != Packing::none;
   data.index = chosen.index;

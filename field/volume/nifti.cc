@@ -131,64 +131,37 @@ NiftiHeader parse(std::string_view head) {
   return header;
 }
 
-Result<ScalarType> scalar_type(const std::string& path, int datatype) {
-  switch (datatype) {
-    case 2:
-      return ScalarType::u8;
-    case 4:
-      return ScalarType::i16;
-    case 8:
-      return ScalarType::i32;
-    case 16:
-      return ScalarType::f32;
-    case 64:
-      return ScalarType::f64;
-    case 256:
-      return ScalarType::i8;
-    case 512:
-      return ScalarType::u16;
-    case 768:
-      return ScalarType::u32;
-    case 1024:
-      return ScalarType::i64;
-    case 1280:
-      return ScalarType::u64;
-    case 128:   // RGB
-    case 2304:  // RGBA
-      return ScalarType::u8;
-    case 32:  // complex
-      return ScalarType::f32;
-    case 1792:
-      return ScalarType::f64;
-    case 130:  // SPM's additions to Analyze
-      return ScalarType::i8;
-    case 132:
-      return ScalarType::u16;
-    case 136:
-      return ScalarType::u32;
-    case 1:
-    case 1536:
-    case 2048:
-      return fail(ErrorCode::unsupported, path, ": datatype ", datatype,
-                  " (bits or 128 bit floats): convert to 8, 16, 32 or 64 bits");
-    default:
-      return fail(ErrorCode::bad_file, path, ": unknown datatype code ", datatype);
-  }
-}
+struct Datatype {
+  int code;
+  ScalarType type;
+  std::uint32_t components = 1;  ///< of a voxel: colours and complex numbers have several
+};
+constexpr Datatype kDatatypes[] = {{2, ScalarType::u8},
+                                   {4, ScalarType::i16},
+                                   {8, ScalarType::i32},
+                                   {16, ScalarType::f32},
+                                   {32, ScalarType::f32, 2},
+                                   {64, ScalarType::f64},
+                                   {128, ScalarType::u8, 3},
+                                   {256, ScalarType::i8},
+                                   {512, ScalarType::u16},
+                                   {768, ScalarType::u32},
+                                   {1024, ScalarType::i64},
+                                   {1280, ScalarType::u64},
+                                   {1792, ScalarType::f64, 2},
+                                   {2304, ScalarType::u8, 4},
+                                   // SPM's additions to Analyze.
+                                   {130, ScalarType::i8},
+                                   {132, ScalarType::u16},
+                                   {136, ScalarType::u32}};
 
-/// The number of components of a voxel. Colours and complex numbers have several.
-std::uint32_t components_of(int datatype) {
-  switch (datatype) {
-    case 128:
-      return 3;
-    case 2304:
-      return 4;
-    case 32:
-    case 1792:
-      return 2;
-    default:
-      return 1;
-  }
+Result<Datatype> datatype_of(const std::string& path, int code) {
+  for (const Datatype& known : kDatatypes)
+    if (known.code == code) return known;
+  if (code == 1 || code == 1536 || code == 2048)
+    return unsupported(path, "datatype ", code,
+                       " (bits or 128 bit floats): convert to 8, 16, 32 or 64 bits");
+  return bad_file(path, "unknown datatype code ", code);
 }
 
 struct Transform {
@@ -291,13 +264,12 @@ Result<void> set_position(NiftiHeader header, const VolumeOptions& options, Volu
       volume.notes.push_back("its sform is sheared: two of its axes meet at " + brief(angle) +
                              " degrees; it is drawn so");
   } else {
-    for (std::size_t i = 1; i <= 3; ++i)
-      header.pixdim[i] = spacing_or(options, i - 1, header.pixdim[i] * to_mm) / to_mm;
-    for (std::size_t i = 1; i <= 3; ++i)
-      if (!(header.pixdim[i] > 0) || !std::isfinite(header.pixdim[i]))
-        return fail_without("spacing", ErrorCode::bad_file, volume.source, ": spacing (pixdim[", i,
-                            "]) is ", header.pixdim[i],
-                            ", expected a positive number: choose the spacing");
+    for (std::size_t i = 1; i <= 3; ++i) {
+      const double millimetres =
+          SLF_TRY(spacing_or(options, i - 1, header.pixdim[i] * to_mm, volume.source,
+                             "spacing (pixdim[" + std::to_string(i) + "])"));
+      header.pixdim[i] = millimetres / to_mm;
+    }
     if (has_qform || damaged_sform) {
       t = qform_of(header);
       volume.placement = "qform" + code(header.qform_code);
@@ -354,15 +326,15 @@ Result<Volume> read_nifti(const std::string& path, std::string_view head,
   volume.source = path;
   const std::int64_t rank = header.dim[0];
   if (rank < 1 || rank > 7)
-    return fail(ErrorCode::bad_file, path, ": dim[0] is ", rank, ", expected 1 to 7 dimensions");
+    return bad_file(path, "dim[0] is ", rank, ", expected 1 to 7 dimensions");
   std::vector<std::uint64_t> sizes;
   for (std::size_t i = 1; i <= static_cast<std::size_t>(rank); ++i) {
     if (header.dim[i] < 1)
-      return fail(ErrorCode::bad_file, path, ": dim[", i, "] is ", header.dim[i],
-                  ", expected at least 1");
+      return bad_file(path, "dim[", i, "] is ", header.dim[i], ", expected at least 1");
     sizes.push_back(static_cast<std::uint64_t>(header.dim[i]));
   }
-  volume.type = SLF_TRY(scalar_type(path, header.datatype));
+  const Datatype datatype = SLF_TRY(datatype_of(path, header.datatype));
+  volume.type = datatype.type;
   const auto chosen = SLF_TRY(choose_volume(path, sizes, options));
   volume.dims = chosen.dims;
   SLF_TRY(set_position(header, options, volume));
@@ -373,11 +345,11 @@ Result<Volume> read_nifti(const std::string& path, std::string_view head,
     volume.intercept = header.intercept;
   }
   if (!(header.vox_offset >= 0) || !(header.vox_offset < 0x1p53))
-    return fail(ErrorCode::bad_file, path, ": vox_offset is ", header.vox_offset,
-                ", expected the byte where the voxels begin");
+    return bad_file(path, "vox_offset is ", header.vox_offset,
+                    ", expected the byte where the voxels begin");
   VoxelData data{.path = path, .big_endian = header.big_endian};
   data.skip = static_cast<std::uint64_t>(header.vox_offset);
-  data.components = components_of(header.datatype);
+  data.components = datatype.components;
   if (data.components > 1 || !chosen.by_component) {
     data.component = SLF_TRY(choose(path, options.component, data.components, "component"));
   }

@@ -6,7 +6,6 @@
 // colour.
 #include <algorithm>
 
-#include "base/bytes.h"
 #include "base/try.h"
 #include "field/volume/fields.h"
 #include "field/volume/io.h"
@@ -43,46 +42,39 @@ std::string_view value_of(std::string_view dictionary, std::string_view key) {
 
 Result<void> set_type(const std::string& path, std::string_view descr, NpyHeader& header) {
   std::string_view code = descr.substr(0, descr.find('}'));
-  const auto unsupported = [&](std::string_view what) {
-    return fail(ErrorCode::unsupported, path, ": an array of ", what, " (descr ", in_quotes(code),
-                "), expected numbers of 8, 16, 32 or 64 bits: convert it, `array.astype(...)`");
+  const auto refuse = [&](std::string_view what) {
+    return unsupported(
+        path, "an array of ", what, " (descr ", in_quotes(code),
+        "), expected numbers of 8, 16, 32 or 64 bits: convert it, `array.astype(...)`");
   };
-  if (descr.starts_with('[')) return unsupported("records");
+  if (descr.starts_with('[')) return refuse("records");
   if (descr.empty() || (descr[0] != '\'' && descr[0] != '"'))
-    return fail(ErrorCode::bad_file, path, ": 'descr' is ", in_quotes(descr),
-                ", expected a type such as '<f4'");
+    return bad_file(path, "'descr' is ", in_quotes(descr), ", expected a type such as '<f4'");
   code = descr.substr(1, descr.find(descr[0], 1) - 1);
   if (code.size() < 2)
-    return fail(ErrorCode::bad_file, path, ": 'descr' is ", in_quotes(code),
-                ", expected a type such as '<f4'");
+    return bad_file(path, "'descr' is ", in_quotes(code), ", expected a type such as '<f4'");
   header.big_endian = code[0] == '>';
   const auto kind = code.substr(1);
-  struct Known {
-    std::string_view kind;
-    ScalarType type;
-  };
-  for (const auto& known :
-       {Known{"b1", ScalarType::u8}, Known{"u1", ScalarType::u8}, Known{"i1", ScalarType::i8},
-        Known{"u2", ScalarType::u16}, Known{"i2", ScalarType::i16}, Known{"u4", ScalarType::u32},
-        Known{"i4", ScalarType::i32}, Known{"u8", ScalarType::u64}, Known{"i8", ScalarType::i64},
-        Known{"f4", ScalarType::f32}, Known{"f8", ScalarType::f64}, Known{"f2", ScalarType::u16},
-        Known{"c8", ScalarType::f32}, Known{"c16", ScalarType::f64}})
-    if (known.kind == kind) {
-      header.type = known.type;
-      header.half = kind == "f2";
-      header.complex = kind.starts_with('c');
+  // Letters, and bytes: a bool is read as u8, a complex number as two floats, a half float as its
+  // bits.
+  header.half = kind == "f2";
+  header.complex = kind == "c8" || kind == "c16";
+  const char letter = kind == "b1" || header.half ? 'u' : header.complex ? 'f' : kind[0];
+  const auto bits = 8 * std::clamp<std::int64_t>(parse_integer(kind.substr(1)).value_or(0), 0, 16);
+  if (letter == 'u' || letter == 'i' || letter == 'f')
+    if (const auto type =
+            parse_scalar_type(letter + std::to_string(header.complex ? bits / 2 : bits))) {
+      header.type = *type;
       return {};
     }
-  return unsupported(kind.starts_with('O')   ? "Python objects"
-                     : kind.starts_with('U') ? "texts"
-                                             : "another type");
+  return refuse(kind.starts_with('O')   ? "Python objects"
+                : kind.starts_with('U') ? "texts"
+                                        : "another type");
 }
 
 Result<NpyHeader> parse(const std::string& path, std::string_view head) {
   NpyHeader header;
-  const auto cut = [&] {
-    return fail(ErrorCode::bad_file, path, ": its NumPy header ends early: it is truncated");
-  };
+  const auto cut = [&] { return bad_file(path, "its NumPy header ends early: it is truncated"); };
   if (head.size() < 12) return cut();
   const Fields fields{head, false};
   const bool wide = head[6] >= 2;
@@ -95,19 +87,16 @@ Result<NpyHeader> parse(const std::string& path, std::string_view head) {
   const auto order = value_of(dictionary, "fortran_order");
   header.fortran_order = order.starts_with("True");
   if (!header.fortran_order && !order.starts_with("False"))
-    return fail(ErrorCode::bad_file, path, ": 'fortran_order' is ", in_quotes(order),
-                ", expected True or False");
+    return bad_file(path, "'fortran_order' is ", in_quotes(order), ", expected True or False");
   auto shape = value_of(dictionary, "shape");
   const auto end = shape.find(')');
   if (!shape.starts_with('(') || end == std::string_view::npos)
-    return fail(ErrorCode::bad_file, path, ": 'shape' is ", in_quotes(shape),
-                ", expected extents, as (3, 4, 5)");
+    return bad_file(path, "'shape' is ", in_quotes(shape), ", expected extents, as (3, 4, 5)");
   for (shape = trim(shape.substr(1, end - 1)); !shape.empty();) {
     const auto comma = shape.find(',');
     const auto extent = parse_integer(shape.substr(0, comma));
     if (!extent || *extent < 0 || header.shape.size() == 32)
-      return fail(ErrorCode::bad_file, path, ": 'shape' holds ", in_quotes(shape),
-                  ", expected extents, as (3, 4, 5)");
+      return bad_file(path, "'shape' holds ", in_quotes(shape), ", expected extents, as (3, 4, 5)");
     header.shape.push_back(static_cast<std::uint64_t>(*extent));
     shape = comma == std::string_view::npos ? "" : trim(shape.substr(comma + 1));
   }
@@ -148,16 +137,16 @@ Result<Volume> read_array(const NpyHeader& header, VoxelData data, const VolumeO
     space.erase(space.begin());
   }
   if (header.complex && colours > 1)
-    return fail(ErrorCode::unsupported, path, ": complex numbers with ", colours,
-                " components: save the part that you want, such as `abs(array)`");
+    return unsupported(path, "complex numbers with ", colours,
+                       " components: save the part that you want, such as `abs(array)`");
   if (space.size() > 3)
-    return fail(ErrorCode::unsupported, path, ": an array of shape ", describe_shape(header.shape),
-                ", expected z, y, x with time before them and colour after: save the part that "
-                "you want as an array of its own");
+    return unsupported(path, "an array of shape ", describe_shape(header.shape),
+                       ", expected z, y, x with time before them and colour after: save the part "
+                       "that you want as an array of its own");
   Volume volume;
   volume.source = path;
   volume.type = header.type;
-  if (!header.fortran_order) std::reverse(space.begin(), space.end());
+  if (!header.fortran_order) std::ranges::reverse(space);
   volume.dims = SLF_TRY(check_dims(path, space));
   const auto time = SLF_TRY(choose(path, options.time, times, "time point"));
   const std::uint64_t parts = header.complex ? 2 : colours;
@@ -166,12 +155,12 @@ Result<Volume> read_array(const NpyHeader& header, VoxelData data, const VolumeO
   // In Fortran's order time is the fastest axis and colour the slowest.
   const bool time_inside = header.fortran_order && !header.complex;
   if (header.fortran_order && header.complex && times > 1)
-    return fail(ErrorCode::unsupported, path,
-                ": complex time points in Fortran's order: save `numpy.ascontiguousarray(array)`");
+    return unsupported(
+        path, "complex time points in Fortran's order: save `numpy.ascontiguousarray(array)`");
   data.components = static_cast<std::uint32_t>(time_inside ? times : parts);
   data.component = time_inside ? time : component;
   if ((time_inside ? times : parts) > std::numeric_limits<std::uint32_t>::max())
-    return fail(ErrorCode::bad_file, path, ": absurd shape ", describe_shape(header.shape));
+    return bad_file(path, "absurd shape ", describe_shape(header.shape));
   data.skip += header.bytes;
   data.big_endian = header.big_endian;
   data.index = time_inside ? component : time;
@@ -230,8 +219,7 @@ Result<Volume> read_npz(const std::string& path, std::string_view, const VolumeO
   }
   if (volumes == 0 && problem) return tl::unexpected(std::move(*problem));
   if (volumes != 1 && options.array)
-    return fail(ErrorCode::usage, path, ": array ", in_quotes(*options.array),
-                " was chosen, but it has ", arrays);
+    return misuse(path, "array ", in_quotes(*options.array), " was chosen, but it has ", arrays);
   if (volumes != 1)
     return fail_without("array", ErrorCode::unsupported, path, ": ", volumes, " of its arrays (",
                         arrays,

@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <map>
 
 #include "base/try.h"
 #include "field/volume/io.h"
@@ -25,55 +24,27 @@ struct Axis {
   std::optional<glm::dvec3> direction;  // unset: "none", or no directions at all
 };
 
-using FieldMap = std::map<std::string, std::string, std::less<>>;
-
-struct NrrdHeader {
-  FieldMap fields;
-  std::size_t bytes = 0;           // up to and including the blank line
-  std::vector<std::string> names;  // the lines after `data file: LIST`
-};
-
-Result<NrrdHeader> parse_nrrd_lines(const std::string& path, std::string_view head) {
-  NrrdHeader header;
+Result<TextHeader> parse_nrrd_lines(const std::string& path, std::string_view head) {
+  TextHeader header{.path = path};
   std::size_t at = std::min(head.find('\n'), head.size() - 1) + 1;  // after the magic
   for (int number = 2; at < head.size(); ++number) {
     const auto line = next_line(head, at);
     if (line.empty()) break;
     const auto colon = line.find(':');
-    if (line.starts_with('#') || line.substr(0, line.find(":=")).size() < line.size()) continue;
+    if (line.starts_with('#') || line.find(":=") != std::string_view::npos) continue;
     if (colon == std::string_view::npos)
-      return fail(ErrorCode::bad_file, path, ": line ", number, " of the NRRD header is ",
-                  in_quotes(line), ", expected 'field: value'");
-    std::string field = lower(trim(line.substr(0, colon)));
+      return bad_file(path, "line ", number, " of the NRRD header is ", in_quotes(line),
+                      ", expected 'field: value'");
+    std::string field = lower_case(trim(line.substr(0, colon)));
     std::erase(field, ' ');
     header.fields[field] = trim(line.substr(colon + 1));
-    if (field == "datafile" && header.fields[field].starts_with("LIST"))
-      while (at < head.size())
-        if (const auto name = trim(next_line(head, at)); !name.empty())
-          header.names.emplace_back(name);
+    if (field == "datafile" && header.fields[field].starts_with("LIST")) {
+      header.list(head, at);
+      at = head.size();
+    }
   }
   header.bytes = at;
   return header;
-}
-
-Result<std::string> required(const std::string& path, const FieldMap& fields,
-                             std::string_view field) {
-  const auto found = fields.find(field);
-  if (found == fields.end())
-    return fail(ErrorCode::bad_file, path, ": the NRRD header has no '", field, ":' line");
-  return found->second;
-}
-
-/// The words of a per-axis field, one per axis. Empty if the field is missing.
-Result<std::vector<std::string_view>> per_axis(const std::string& path, const FieldMap& fields,
-                                               std::string_view field, std::size_t axes) {
-  const auto found = fields.find(field);
-  if (found == fields.end()) return std::vector<std::string_view>{};
-  auto result = words(found->second);
-  if (result.size() != axes)
-    return fail(ErrorCode::bad_file, path, ": '", field, ": ", in_quotes(found->second), "' has ",
-                result.size(), " values, expected one for each of the ", axes, " axes");
-  return result;
 }
 
 /// Parses "(x,y,z)"; NaNs stand for "none". Drops a fourth component, which is time.
@@ -110,31 +81,18 @@ Result<void> parse_directions(const std::string& path, const std::string& text,
                               std::vector<Axis>& axes) {
   const auto parts = vectors_of(text);
   if (parts.size() != axes.size())
-    return fail(ErrorCode::bad_file, path, ": 'space directions' has ", parts.size(),
-                " vectors, expected one for each of the ", axes.size(), " axes");
+    return bad_file(path, "'space directions' has ", parts.size(),
+                    " vectors, expected one for each of the ", axes.size(), " axes");
   for (std::size_t i = 0; i < axes.size(); ++i) {
-    if (lower(parts[i]) == "none") continue;
+    if (lower_case(parts[i]) == "none") continue;
     axes[i].direction = parse_vector(parts[i]);
     if (axes[i].direction && std::isnan(axes[i].direction->x + axes[i].direction->y)) {
       axes[i].direction.reset();
       continue;
     }
     if (!axes[i].direction)
-      return fail(ErrorCode::bad_file, path, ": 'space directions' ", i, " is ",
-                  in_quotes(parts[i]), ", expected a vector as (x,y,z)");
-  }
-  return {};
-}
-
-Result<void> parse_numbers(const std::string& path, const FieldMap& fields, std::string_view field,
-                           std::vector<Axis>& axes, double Axis::*to) {
-  const auto values = SLF_TRY(per_axis(path, fields, field, axes.size()));
-  for (std::size_t i = 0; i < values.size(); ++i) {
-    const auto value = parse_number(values[i]);
-    if (!value)
-      return fail(ErrorCode::bad_file, path, ": '", field, "' ", i, " is ", in_quotes(values[i]),
-                  ", expected a number");
-    axes[i].*to = *value;
+      return bad_file(path, "'space directions' ", i, " is ", in_quotes(parts[i]),
+                      ", expected a vector as (x,y,z)");
   }
   return {};
 }
@@ -145,34 +103,25 @@ bool is_range(const Axis& axis) {
   return !(k.empty() || k == "none" || k == "???" || k == "domain" || k == "space" || k == "time");
 }
 
-Result<std::vector<Axis>> parse_axes(const std::string& path, const FieldMap& fields) {
-  const auto dimension = SLF_TRY(required(path, fields, "dimension"));
-  const auto rank = parse_integer(dimension);
-  if (!rank || *rank < 1 || *rank > 16)
-    return fail(ErrorCode::bad_file, path, ": 'dimension' is ", in_quotes(dimension),
-                ", expected 1 to 16");
-  std::vector<Axis> axes(static_cast<std::size_t>(*rank));
-  SLF_TRY(required(path, fields, "sizes"));
-  const auto sizes = SLF_TRY(per_axis(path, fields, "sizes", axes.size()));
-  for (std::size_t i = 0; i < axes.size(); ++i) {
-    const auto size = parse_integer(sizes[i]);
-    if (!size || *size < 1)
-      return fail(ErrorCode::bad_file, path, ": 'sizes' ", i, " is ", in_quotes(sizes[i]),
-                  ", expected a positive integer");
-    axes[i].size = static_cast<std::uint64_t>(*size);
-  }
+Result<std::vector<Axis>> parse_axes(const TextHeader& header) {
+  const auto rank = SLF_TRY(header.integer("dimension", 1, 16));
+  std::vector<Axis> axes(static_cast<std::size_t>(rank));
+  const auto sizes = SLF_TRY(header.sizes("sizes", axes.size()));
+  for (std::size_t i = 0; i < axes.size(); ++i) axes[i].size = sizes[i];
   for (const auto& [field, to] :
        {std::pair{"spacings", &Axis::spacing}, std::pair{"thicknesses", &Axis::thickness},
-        std::pair{"axismins", &Axis::min}, std::pair{"axismaxs", &Axis::max}})
-    SLF_TRY(parse_numbers(path, fields, field, axes, to));
-  const auto kinds = SLF_TRY(per_axis(path, fields, "kinds", axes.size()));
-  for (std::size_t i = 0; i < kinds.size(); ++i) axes[i].kind = lower(kinds[i]);
-  for (const auto* field : {"centerings", "centers"}) {
-    const auto centerings = SLF_TRY(per_axis(path, fields, field, axes.size()));
-    for (std::size_t i = 0; i < centerings.size(); ++i) axes[i].centering = lower(centerings[i]);
+        std::pair{"axismins", &Axis::min}, std::pair{"axismaxs", &Axis::max}}) {
+    const auto numbers = SLF_TRY(header.numbers(field, axes.size()));
+    for (std::size_t i = 0; i < numbers.size(); ++i) axes[i].*to = numbers[i];
   }
-  if (const auto found = fields.find("spacedirections"); found != fields.end())
-    SLF_TRY(parse_directions(path, found->second, axes));
+  for (const auto& [field, to] :
+       {std::pair{"kinds", &Axis::kind}, std::pair{"centerings", &Axis::centering},
+        std::pair{"centers", &Axis::centering}}) {
+    const auto parts = SLF_TRY(header.parts(field, axes.size()));
+    for (std::size_t i = 0; i < parts.size(); ++i) axes[i].*to = lower_case(parts[i]);
+  }
+  if (const auto* text = header.find("spacedirections"))
+    SLF_TRY(parse_directions(header.path, *text, axes));
   return axes;
 }
 
@@ -196,7 +145,7 @@ Result<std::vector<OtherAxis>> keep_space(const std::string& path, bool directed
     if (axes[i].size == 1) axes.erase(axes.begin() + static_cast<std::ptrdiff_t>(i));
   const std::vector<Axis> all = axes;
   // Without kinds, the axis after three of space is time.
-  const bool unnamed = std::none_of(all.begin(), all.end(), beyond) && all.size() == 4;
+  const bool unnamed = std::ranges::none_of(all, beyond) && all.size() == 4;
   const bool last_unnamed =
       all.size() == 5 && beyond(all.front()) && std::none_of(all.begin() + 1, all.end(), beyond);
   axes.clear();
@@ -212,10 +161,9 @@ Result<std::vector<OtherAxis>> keep_space(const std::string& path, bool directed
       others.push_back(
           {.time = axis.kind == "time" || (open && last), .size = axis.size, .run = run});
     }
-    if (__builtin_mul_overflow(run, axis.size, &run))
-      return fail(ErrorCode::bad_file, path, ": absurd 'sizes'");
+    if (__builtin_mul_overflow(run, axis.size, &run)) return bad_file(path, "absurd 'sizes'");
   }
-  const auto times = std::count_if(others.begin(), others.end(), [](auto& o) { return o.time; });
+  const auto times = std::ranges::count_if(others, [](auto& o) { return o.time; });
   if (axes.size() == 3 && times <= 1 && others.size() - static_cast<std::size_t>(times) <= 1) {
     for (std::size_t i = others.size(); i-- > 0 && others[i].run * others[i].size == run;) {
       others[i].outermost = true;
@@ -228,9 +176,9 @@ Result<std::vector<OtherAxis>> keep_space(const std::string& path, bool directed
     found.append(found.empty() ? "" : "x")
         .append(std::to_string(axis.size))
         .append(axis.kind.empty() ? "" : " (" + in_quotes(axis.kind) + ")");
-  return fail(ErrorCode::unsupported, path, ": sizes ", found,
-              ", expected 3 axes of space, one of components and one of time: extract one volume, "
-              "e.g. `unu slice -a AXIS -p INDEX -i IN -o OUT.nrrd`");
+  return unsupported(path, "sizes ", found,
+                     ", expected 3 axes of space, one of components and one of time: extract one "
+                     "volume, e.g. `unu slice -a AXIS -p INDEX -i IN -o OUT.nrrd`");
 }
 
 /// Chooses a component and a time point, wherever their axes are.
@@ -240,8 +188,8 @@ Result<void> choose_others(const std::string& path, const std::vector<OtherAxis>
   data.volumes = 1;
   std::optional<std::uint32_t> chosen[2];
   for (const bool time : {true, false}) {
-    const auto axis = std::find_if(others.begin(), others.end(),
-                                   [&](const OtherAxis& other) { return other.time == time; });
+    const auto axis =
+        std::ranges::find_if(others, [&](const OtherAxis& other) { return other.time == time; });
     chosen[time] =
         SLF_TRY(choose(path, time ? options.time : options.component,
                        axis == others.end() ? 1 : axis->size, time ? "time point" : "component"));
@@ -257,24 +205,24 @@ Result<void> choose_others(const std::string& path, const std::vector<OtherAxis>
     }
     if (after == 0) data.run = other.run;
     if (after != 0 && after != other.run)
-      return fail(ErrorCode::unsupported, path,
-                  ": its axes of components and time have one of space between them: permute them, "
-                  "e.g. `unu permute`");
+      return unsupported(path,
+                         "its axes of components and time have one of space between them: permute "
+                         "them, e.g. `unu permute`");
     component += index * components;
     components *= other.size;
     after = other.run * other.size;
   }
   if (components > std::numeric_limits<std::uint32_t>::max())
-    return fail(ErrorCode::bad_file, path, ": absurd 'sizes': ", components, " components");
+    return bad_file(path, "absurd 'sizes': ", components, " components");
   data.components = static_cast<std::uint32_t>(components);
   data.component = static_cast<std::uint32_t>(component);
   return {};
 }
 
 /// Converts from the header's space to LPS. Other spaces do not change, as in ITK.
-glm::dvec3 to_lps(const FieldMap& fields) {
-  const auto found = fields.find("space");
-  std::string space = found == fields.end() ? "" : lower(found->second);
+glm::dvec3 to_lps(const TextHeader& header) {
+  const auto* text = header.find("space");
+  std::string space = text ? lower_case(*text) : "";
   if (space.ends_with("-time"))
     space.resize(space.size() - 5);
   else if (space.size() == 4 && space.ends_with('t'))
@@ -284,15 +232,16 @@ glm::dvec3 to_lps(const FieldMap& fields) {
   return {1, 1, 1};
 }
 
-Result<void> place_directed(const FieldMap& fields, const std::vector<Axis>& axes, Volume& volume) {
-  const glm::dvec3 flip = to_lps(fields);
+Result<void> place_directed(const TextHeader& header, const std::vector<Axis>& axes,
+                            Volume& volume) {
+  const glm::dvec3 flip = to_lps(header);
   for (int i = 0; i < 3; ++i)
     volume.axes[i] = flip * *axes[static_cast<std::size_t>(i)].direction + 0.0;
-  if (const auto found = fields.find("spaceorigin"); found != fields.end()) {
-    const auto origin = parse_vector(found->second);
+  if (const auto* text = header.find("spaceorigin")) {
+    const auto origin = parse_vector(*text);
     if (!origin)
-      return fail(ErrorCode::bad_file, volume.source, ": 'space origin' is ",
-                  in_quotes(found->second), ", expected a vector as (x,y,z)");
+      return bad_file(volume.source, "'space origin' is ", in_quotes(*text),
+                      ", expected a vector as (x,y,z)");
     volume.origin = flip * *origin + 0.0;
   }
   return {};
@@ -315,18 +264,17 @@ Result<void> place_by_spacing(const std::vector<Axis>& axes, const VolumeOptions
   bool has_origin = true;
   for (std::size_t i = 0; i < 3; ++i) {
     const Axis& axis = axes[i];
-    double spacing = spacing_or(options, i, spacing_of(axis));
-    if (std::isnan(spacing)) {
-      spacing = 1;
+    double stated = spacing_of(axis);
+    if (!options.spacing && std::isnan(stated)) {
+      stated = 1;
       unknown += "xyz"[i];
       if (axis.thickness > 0) by_thickness += "xyz"[i];
     }
     // Only axes that state their ends may run backwards.
-    const bool backwards = axis.max < axis.min && std::isnan(axis.spacing);
-    if (!(spacing > 0 || backwards) || spacing == 0 || !std::isfinite(spacing))
-      return fail_without("spacing", ErrorCode::bad_file, volume.source, ": 'spacings' ", i, " is ",
-                          spacing, ", expected a positive number: choose the spacing");
-    if (backwards) spacing = -std::abs(spacing);
+    const double sign = axis.max < axis.min && std::isnan(axis.spacing) ? -1 : 1;
+    const double length = SLF_TRY(
+        spacing_or(options, i, sign * stated, volume.source, "'spacings' " + std::to_string(i)));
+    const double spacing = sign * length;
     const int k = static_cast<int>(i);
     volume.axes[k][k] = spacing;
     const double from_end = axis.centering == "node" ? 0 : spacing / 2;
@@ -347,56 +295,46 @@ Result<void> place_by_spacing(const std::vector<Axis>& axes, const VolumeOptions
   return {};
 }
 
-Result<std::uint64_t> parse_skip(const std::string& path, const FieldMap& fields,
-                                 std::string_view field, std::int64_t min) {
-  const auto found = fields.find(field);
-  if (found == fields.end()) return 0;
-  const auto value = parse_integer(found->second);
-  if (!value || *value < min || *value > (std::int64_t{1} << 53))
-    return fail(ErrorCode::bad_file, path, ": '", field, "' is ", in_quotes(found->second),
-                ", expected a count");
-  return static_cast<std::uint64_t>(*value);  // -1, the end of the file, becomes the largest
-}
-
 Result<std::uint64_t> offset_after_lines(const std::string& path, std::uint64_t from,
                                          std::uint64_t lines) {
   auto file = SLF_TRY(open_regular(path));
   file.seekg(static_cast<std::streamoff>(from));
   for (std::uint64_t line = 0; line < lines; ++line) {
     file.ignore(std::numeric_limits<std::streamsize>::max(), '\n');
-    if (!file) return fail(ErrorCode::bad_file, path, ": 'line skip' is ", lines, ", found ", line);
+    if (!file) return bad_file(path, "'line skip' is ", lines, ", found ", line);
   }
   return static_cast<std::uint64_t>(file.tellg());
 }
 
-Result<Packing> parse_packing(const std::string& path, const FieldMap& fields) {
-  const auto text = SLF_TRY(required(path, fields, "encoding"));
-  const std::string encoding = lower(text);
+Result<Packing> parse_packing(const TextHeader& header) {
+  const std::string& path = header.path;
+  const auto text = SLF_TRY(header.required("encoding"));
+  const std::string encoding = lower_case(text);
   if (encoding == "raw") return Packing::none;
   if (encoding == "gzip" || encoding == "gz") return Packing::gzip;
   if (encoding == "bzip2" || encoding == "bz2") return Packing::bzip2;
   for (const auto* known : {"txt", "text", "ascii", "hex", "zrl"})
     if (encoding == known)
-      return fail(ErrorCode::unsupported, path, ": encoding ", known,
-                  ", expected raw, gzip or bzip2: `unu save -e gzip -f nrrd -i IN -o OUT.nrrd`");
-  return fail(ErrorCode::bad_file, path, ": 'encoding' is ", in_quotes(text),
-              ", expected raw, gzip or bzip2");
+      return unsupported(
+          path, "encoding ", known,
+          ", expected raw, gzip or bzip2: `unu save -e gzip -f nrrd -i IN -o OUT.nrrd`");
+  return bad_file(path, "'encoding' is ", in_quotes(text), ", expected raw, gzip or bzip2");
 }
 
-Result<bool> parse_big_endian(const std::string& path, const FieldMap& fields, ScalarType type) {
-  const auto found = fields.find("endian");
-  const std::string endian = found == fields.end() ? "" : lower(found->second);
+Result<bool> parse_big_endian(const TextHeader& header, ScalarType type) {
+  const auto* text = header.find("endian");
+  const std::string endian = text ? lower_case(*text) : "";
   if (endian == "little" || endian == "big") return endian == "big";
   if (bytes_per_voxel(type) == 1) return false;
-  return fail(ErrorCode::bad_file, path, ": 'endian' is ", in_quotes(endian),
-              ", expected 'endian: little' or 'endian: big'");
+  return bad_file(header.path, "'endian' is ", in_quotes(endian),
+                  ", expected 'endian: little' or 'endian: big'");
 }
 
 /// The paths of several data files, in order: `LIST [SUBDIM]`, or `PATTERN MIN MAX STEP [SUBDIM]`.
 /// Empty: one file.
-Result<std::vector<std::string>> data_files(const std::string& path, const NrrdHeader& header,
-                                            const std::string& text,
+Result<std::vector<std::string>> data_files(const TextHeader& header, const std::string& text,
                                             const std::vector<Axis>& axes) {
+  const std::string& path = header.path;
   const auto parts = words(text);
   const bool list = text.starts_with("LIST");
   if (!list && (text.find('%') == std::string::npos || parts.size() < 4))
@@ -405,13 +343,13 @@ Result<std::vector<std::string>> data_files(const std::string& path, const NrrdH
   for (std::size_t i = 1; i < parts.size(); ++i) {
     const auto value = parse_integer(parts[i]);
     if (!value || i > (list ? 1 : 4))
-      return fail(ErrorCode::bad_file, path, ": 'data file' is ", in_quotes(text),
-                  ", expected 'LIST' or 'PATTERN MIN MAX STEP', and the dimension of a file");
+      return bad_file(path, "'data file' is ", in_quotes(text),
+                      ", expected 'LIST' or 'PATTERN MIN MAX STEP', and the dimension of a file");
     given.push_back(*value);
   }
   std::vector<std::string> files;
   if (list) {
-    for (const auto& name : header.names) files.push_back(beside(path, name));
+    for (const auto& name : header.listed) files.push_back(beside(path, name));
   } else {
     auto numbered = numbered_files(path, parts.front(), given[0], given[1], given[2]);
     if (!numbered) return numbered;
@@ -421,44 +359,40 @@ Result<std::vector<std::string>> data_files(const std::string& path, const NrrdH
   const auto rank = static_cast<std::int64_t>(axes.size());
   const std::int64_t of_file = given.size() == (list ? 1 : 4) ? given.back() : rank - 1;
   if (of_file < 1 || of_file > rank)
-    return fail(ErrorCode::bad_file, path, ": 'data file' is ", in_quotes(text),
-                ", expected files of 1 to ", rank, " dimensions");
+    return bad_file(path, "'data file' is ", in_quotes(text), ", expected files of 1 to ", rank,
+                    " dimensions");
   std::uint64_t count = 1;
   for (auto i = static_cast<std::size_t>(of_file); i < axes.size(); ++i)
     if (__builtin_mul_overflow(count, axes[i].size, &count))
-      return fail(ErrorCode::bad_file, path, ": absurd 'sizes'");
+      return bad_file(path, "absurd 'sizes'");
   if (files.empty() || (of_file < rank && files.size() != count))
-    return fail(ErrorCode::bad_file, path, ": it names ", files.size(),
-                " data files, but its 'sizes' need ", count, ", each of ", of_file, " dimensions");
+    return bad_file(path, "it names ", files.size(), " data files, but its 'sizes' need ", count,
+                    ", each of ", of_file, " dimensions");
   return files;
 }
 
 /// Finds the voxels. `axes`: all of them, as in the header.
-Result<void> locate(const std::string& path, const NrrdHeader& header, ScalarType type,
-                    const std::vector<Axis>& axes, VoxelData& data) {
-  const auto& fields = header.fields;
-  data.path = path;
+Result<void> locate(const TextHeader& header, ScalarType type, const std::vector<Axis>& axes,
+                    VoxelData& data) {
+  data.path = header.path;
   data.offset = header.bytes;
-  if (const auto found = fields.find("datafile"); found != fields.end()) {
-    auto files = SLF_TRY(data_files(path, header, found->second, axes));
-    data.path = files.empty() ? beside(path, found->second) : files.front();
-    data.parts = std::move(files);
+  if (const auto* text = header.find("datafile")) {
+    data.parts = SLF_TRY(data_files(header, *text, axes));
+    data.path = data.parts.empty() ? beside(header.path, *text) : data.parts.front();
     data.offset = 0;
   }
-  const auto packing = SLF_TRY(parse_packing(path, fields));
-  data.packed = packing != Packing::none;
-  data.packing = packing;
-  data.big_endian = SLF_TRY(parse_big_endian(path, fields, type));
-  if (const auto size = file_size(data.path); !size)
-    return fail(size.error().code, path, ": its data file cannot be read: ", size.error().message);
-  const auto lines = SLF_TRY(parse_skip(path, fields, "lineskip", 0));
+  data.packing = SLF_TRY(parse_packing(header));
+  data.packed = data.packing != Packing::none;
+  data.big_endian = SLF_TRY(parse_big_endian(header, type));
+  SLF_TRY(header.check_data_file(data.path));
+  const auto lines = SLF_TRY(header.integer("lineskip", 0, kMaxSkip, 0));
   if (lines > 0 && data.parts.size() > 1)
-    return fail(ErrorCode::unsupported, path,
-                ": 'line skip' in several data files, expected 'byte skip'");
-  data.offset = SLF_TRY(offset_after_lines(data.path, data.offset, lines));
-  const auto skip = SLF_TRY(parse_skip(path, fields, "byteskip", data.packed ? 0 : -1));
-  data.at_end = static_cast<std::int64_t>(skip) == -1;
-  data.skip = data.at_end ? 0 : skip;
+    return unsupported(header.path, "'line skip' in several data files, expected 'byte skip'");
+  data.offset =
+      SLF_TRY(offset_after_lines(data.path, data.offset, static_cast<std::uint64_t>(lines)));
+  const auto skip = SLF_TRY(header.integer("byteskip", data.packed ? 0 : -1, kMaxSkip, 0));
+  data.at_end = skip == -1;
+  data.skip = data.at_end ? 0 : static_cast<std::uint64_t>(skip);
   return {};
 }
 
@@ -468,7 +402,7 @@ bool looks_like_nrrd(std::string_view head) { return head.starts_with("NRRD000")
 
 bool nrrd_names_files(std::string_view head) {
   for (std::size_t at = 0; at < head.size();) {
-    const std::string line = lower(trim(next_line(head, at)));
+    const std::string line = lower_case(trim(next_line(head, at)));
     if (line.empty()) break;  // voxels follow
     if (line.starts_with("data file:") || line.starts_with("datafile:")) return true;
   }
@@ -478,30 +412,29 @@ bool nrrd_names_files(std::string_view head) {
 Result<Volume> read_nrrd(const std::string& path, std::string_view head,
                          const VolumeOptions& options) {
   const auto header = SLF_TRY(parse_nrrd_lines(path, head));
-  const FieldMap& fields = header.fields;
   Volume volume;
   volume.source = path;
 
-  const auto type_name = SLF_TRY(required(path, fields, "type"));
+  const auto type_name = SLF_TRY(header.required("type"));
   const auto type = parse_scalar_type(type_name);
   if (!type)
-    return fail(ErrorCode::bad_file, path, ": 'type' is ", in_quotes(type_name),
-                ", expected one number, 8 to 64 bits wide");
+    return bad_file(path, "'type' is ", in_quotes(type_name),
+                    ", expected one number, 8 to 64 bits wide");
   volume.type = *type;
 
-  const auto all_axes = SLF_TRY(parse_axes(path, fields));
+  const auto all_axes = SLF_TRY(parse_axes(header));
   auto axes = all_axes;
-  const bool directed = fields.contains("spacedirections");
+  const bool directed = header.find("spacedirections") != nullptr;
   const auto others = SLF_TRY(keep_space(path, directed, axes));
   std::vector<std::uint64_t> sizes;
   for (const Axis& axis : axes) sizes.push_back(axis.size);
   volume.dims = SLF_TRY(check_dims(path, sizes));
-  SLF_TRY(directed ? place_directed(fields, axes, volume)
+  SLF_TRY(directed ? place_directed(header, axes, volume)
                    : place_by_spacing(axes, options, volume));
 
   VoxelData data;
   SLF_TRY(choose_others(path, others, options, data));
-  SLF_TRY(locate(path, header, volume.type, all_axes, data));
+  SLF_TRY(locate(header, volume.type, all_axes, data));
   SLF_TRY(read_voxels(data, volume));
   return volume;
 }

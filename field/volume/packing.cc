@@ -27,12 +27,19 @@ constexpr std::uint64_t kSmallVolume = std::uint64_t{4} << 30;
 constexpr std::uint64_t kMaxDictionary = std::uint64_t{256} << 20;
 constexpr std::size_t kMaxStep = std::size_t{1} << 30;  // lengths of zlib and bzip2 have 32 bits
 
-std::size_t bounded(std::size_t size) { return std::min(size, kMaxStep); }
-
-void advance(std::span<const std::byte>& in, std::size_t used, std::span<std::byte>& out,
-             std::size_t made) {
-  in = in.subspan(used);
-  out = out.subspan(made);
+/// One step of a stream of zlib, bzip2 or lzma, which have the same members. Returns its status.
+template <class Stream, class Code>
+auto step_of(Stream& stream, std::span<const std::byte>& in, std::span<std::byte>& out,
+             const Code& code) {
+  const std::size_t given = std::min(in.size(), kMaxStep), room = std::min(out.size(), kMaxStep);
+  stream.next_in = reinterpret_cast<decltype(stream.next_in)>(const_cast<std::byte*>(in.data()));
+  stream.avail_in = static_cast<decltype(stream.avail_in)>(given);
+  stream.next_out = reinterpret_cast<decltype(stream.next_out)>(out.data());
+  stream.avail_out = static_cast<decltype(stream.avail_out)>(room);
+  const auto status = code(&stream);
+  in = in.subspan(given - stream.avail_in);
+  out = out.subspan(room - stream.avail_out);
+  return status;
 }
 
 class Inflater final : public Unpacker {
@@ -40,19 +47,11 @@ class Inflater final : public Unpacker {
   explicit Inflater(int window) {
     if (inflateInit2(&stream_, window) != Z_OK) throw std::bad_alloc();
   }
-  Inflater(const Inflater&) = delete;
-  Inflater& operator=(const Inflater&) = delete;
   ~Inflater() override { inflateEnd(&stream_); }
 
   State step(std::span<const std::byte>& in, std::span<std::byte>& out) override {
-    const auto given = static_cast<uInt>(bounded(in.size()));
-    const auto room = static_cast<uInt>(bounded(out.size()));
-    stream_.next_in = reinterpret_cast<Bytef*>(const_cast<std::byte*>(in.data()));
-    stream_.avail_in = given;
-    stream_.next_out = reinterpret_cast<Bytef*>(out.data());
-    stream_.avail_out = room;
-    const int status = inflate(&stream_, Z_NO_FLUSH);
-    advance(in, given - stream_.avail_in, out, room - stream_.avail_out);
+    const int status =
+        step_of(stream_, in, out, [](z_stream* stream) { return inflate(stream, Z_NO_FLUSH); });
     if (status == Z_STREAM_END) return State::ended;
     return status == Z_OK || status == Z_BUF_ERROR ? State::more : State::damaged;
   }
@@ -68,19 +67,10 @@ class Bunzipper final : public Unpacker {
   Bunzipper() {
     if (!start()) throw std::bad_alloc();
   }
-  Bunzipper(const Bunzipper&) = delete;
-  Bunzipper& operator=(const Bunzipper&) = delete;
   ~Bunzipper() override { BZ2_bzDecompressEnd(&stream_); }
 
   State step(std::span<const std::byte>& in, std::span<std::byte>& out) override {
-    const auto given = static_cast<unsigned>(bounded(in.size()));
-    const auto room = static_cast<unsigned>(bounded(out.size()));
-    stream_.next_in = reinterpret_cast<char*>(const_cast<std::byte*>(in.data()));
-    stream_.avail_in = given;
-    stream_.next_out = reinterpret_cast<char*>(out.data());
-    stream_.avail_out = room;
-    const int status = BZ2_bzDecompress(&stream_);
-    advance(in, given - stream_.avail_in, out, room - stream_.avail_out);
+    const int status = step_of(stream_, in, out, BZ2_bzDecompress);
     if (status == BZ_STREAM_END) return State::ended;
     return status == BZ_OK ? State::more : State::damaged;
   }
@@ -103,18 +93,11 @@ class Unxzer final : public Unpacker {
   Unxzer() {
     if (!restart()) throw std::bad_alloc();
   }
-  Unxzer(const Unxzer&) = delete;
-  Unxzer& operator=(const Unxzer&) = delete;
   ~Unxzer() override { lzma_end(&stream_); }
 
   State step(std::span<const std::byte>& in, std::span<std::byte>& out) override {
-    const std::size_t given = in.size(), room = out.size();
-    stream_.next_in = reinterpret_cast<const std::uint8_t*>(in.data());
-    stream_.avail_in = given;
-    stream_.next_out = reinterpret_cast<std::uint8_t*>(out.data());
-    stream_.avail_out = room;
-    status_ = lzma_code(&stream_, LZMA_RUN);
-    advance(in, given - stream_.avail_in, out, room - stream_.avail_out);
+    status_ =
+        step_of(stream_, in, out, [](lzma_stream* stream) { return lzma_code(stream, LZMA_RUN); });
     if (status_ == LZMA_STREAM_END) return State::ended;
     return status_ == LZMA_OK || status_ == LZMA_BUF_ERROR ? State::more : State::damaged;
   }
@@ -140,7 +123,8 @@ class Unzstder final : public Unpacker {
     ZSTD_inBuffer from{in.data(), in.size(), 0};
     ZSTD_outBuffer to{out.data(), out.size(), 0};
     status_ = ZSTD_decompressStream(stream_.get(), &to, &from);
-    advance(in, from.pos, out, to.pos);
+    in = in.subspan(from.pos);
+    out = out.subspan(to.pos);
     if (ZSTD_isError(status_)) return State::damaged;
     return status_ == 0 ? State::ended : State::more;
   }
@@ -239,8 +223,8 @@ Result<std::string> read_unpacked(const std::string& path, std::size_t limit) {
     bytes.resize(done + got);
     if (got < kStep) return bytes;
   }
-  return fail(ErrorCode::unsupported, path, ": unpacks to more than ", limit,
-              " bytes: unpack it yourself, and give the unpacked file");
+  return unsupported(path, "unpacks to more than ", limit,
+                     " bytes: unpack it yourself, and give the unpacked file");
 }
 
 Result<UnpackedFile> UnpackedFile::make(const std::string& path) {
@@ -262,8 +246,8 @@ Result<UnpackedFile> UnpackedFile::make(const std::string& path) {
     if (got == 0) return unpacked;
     done += got;
     if (done > most)
-      return fail(ErrorCode::unsupported, path, ": ", size, " packed bytes become more than ", most,
-                  ": if that is right, unpack it yourself, and give the unpacked file");
+      return unsupported(path, size, " packed bytes become more than ", most,
+                         ": if that is right, unpack it yourself, and give the unpacked file");
     if (write_all(unpacked.file_, ByteSpan(chunk).first(got)) != 0) return no_room();
   }
 }

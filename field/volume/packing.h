@@ -35,6 +35,9 @@ class Unpacker {
  public:
   enum class State { more, ended, damaged };
   [[nodiscard]] static std::unique_ptr<Unpacker> make(Packing packing);
+  Unpacker() = default;
+  Unpacker(const Unpacker&) = delete;
+  Unpacker& operator=(const Unpacker&) = delete;
   virtual ~Unpacker() = default;
   /// Consumes bytes from the front of `in` and fills the front of `out`, and moves both past them.
   /// `ended`: this was the last byte of the stream; restart() makes ready for another.

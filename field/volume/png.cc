@@ -76,7 +76,7 @@ bool read_pixels(Reader& reader) {
 }
 
 tl::unexpected<Error> damaged(const std::string& path, const Reader& reader) {
-  return fail(ErrorCode::bad_file, path, ": damaged PNG: ", reader.message.data());
+  return bad_file(path, "damaged PNG: ", reader.message.data());
 }
 
 /// Reads a file up to its pixels.
@@ -100,8 +100,7 @@ Result<void> finish_png(const std::string& path, Reader& reader) {
   // Deflate packs at most 1032:1, and few bits were expanded at most 8 times, palettes 4 times
   // more.
   if (row > reader.bytes.size() * 1032 * 32 / kind.height + 1)
-    return fail(ErrorCode::bad_file, path, ": ", describe(kind), " cannot be in ",
-                reader.bytes.size(), " bytes");
+    return bad_file(path, describe(kind), " cannot be in ", reader.bytes.size(), " bytes");
   reader.samples.resize(row * kind.height);
   for (std::uint32_t y = 0; y < kind.height; ++y)
     reader.rows.push_back(reinterpret_cast<png_bytep>(reader.samples.data() + y * row));

@@ -2,24 +2,16 @@
 #include <array>
 #include <cctype>
 #include <charconv>
-#include <cstdlib>
 #include <filesystem>
 #include <limits>
 
-#include "base/lower_case.h"
+#include "base/ascii.h"
+#include "base/try.h"
 #include "base/utf8.h"
 #include "field/volume/io.h"
+#include "field/volume/voxels.h"
 
 namespace slf::volume_io {
-
-std::string_view trim(std::string_view text) {
-  constexpr std::string_view kSpace = " \t\r\n\v\f";
-  const auto first = text.find_first_not_of(kSpace);
-  if (first == std::string_view::npos) return {};
-  return text.substr(first, text.find_last_not_of(kSpace) - first + 1);
-}
-
-std::string lower(std::string_view text) { return lower_case(std::string(text)); }
 
 std::vector<std::string_view> words(std::string_view text) {
   std::vector<std::string_view> result;
@@ -52,53 +44,20 @@ std::optional<std::int64_t> parse_integer(std::string_view text) {
   return parse<std::int64_t>(text);
 }
 
-namespace {
-
-template <class T>
-bool append_as(std::string_view word, std::vector<std::byte>& bytes) {
-  const auto value = parse_number(word);
-  if (!value) return false;
-  if constexpr (std::is_integral_v<T>) {
-    if (!(*value >= static_cast<double>(std::numeric_limits<T>::lowest())) ||
-        !(*value <= static_cast<double>(std::numeric_limits<T>::max())))
-      return false;
-  }
-  const T number = static_cast<T>(*value);
-  const auto* from = reinterpret_cast<const std::byte*>(&number);
-  bytes.insert(bytes.end(), from, from + sizeof number);
-  return true;
-}
-
-}  // namespace
-
 bool append_number(std::string_view word, ScalarType type, std::vector<std::byte>& bytes) {
-  switch (type) {
-    case ScalarType::u8:
-      return append_as<std::uint8_t>(word, bytes);
-    case ScalarType::i8:
-      return append_as<std::int8_t>(word, bytes);
-    case ScalarType::u16:
-      return append_as<std::uint16_t>(word, bytes);
-    case ScalarType::i16:
-      return append_as<std::int16_t>(word, bytes);
-    case ScalarType::u32:
-      return append_as<std::uint32_t>(word, bytes);
-    case ScalarType::i32:
-      return append_as<std::int32_t>(word, bytes);
-    case ScalarType::f32:
-      return append_as<float>(word, bytes);
-    case ScalarType::f64:
-      return append_as<double>(word, bytes);
-    case ScalarType::u64:
-    case ScalarType::i64:
-      break;
-  }
-  // Doubles would lose digits.
-  const auto value = parse_integer(word);
-  if (!value || (type == ScalarType::u64 && *value < 0)) return false;
-  const auto* from = reinterpret_cast<const std::byte*>(&*value);
-  bytes.insert(bytes.end(), from, from + sizeof *value);
-  return true;
+  return with_type(type, [&]<class T>(T number) {
+    // Doubles would lose digits of the longest integers.
+    constexpr bool kLong = std::is_integral_v<T> && sizeof(T) == 8;
+    const auto value = parse<std::conditional_t<kLong, std::int64_t, double>>(word);
+    if (!value || (std::is_unsigned_v<T> && *value < 0)) return false;
+    using Limits = std::numeric_limits<T>;
+    if constexpr (std::is_integral_v<T> && !kLong)
+      if (!(*value >= Limits::lowest() && *value <= Limits::max())) return false;
+    number = static_cast<T>(*value);
+    const auto* from = reinterpret_cast<const std::byte*>(&number);
+    bytes.insert(bytes.end(), from, from + sizeof number);
+    return true;
+  });
 }
 
 std::string in_quotes(std::string_view text) {
@@ -134,13 +93,13 @@ Result<std::vector<std::string>> numbered_files(const std::string& header, std::
   const bool known =
       end < pattern.size() && std::string_view("diu").find(pattern[end]) != std::string_view::npos;
   if (!known || width > 20 || pattern.find('%', end) != std::string_view::npos)
-    return fail(ErrorCode::bad_file, header, ": the data files ", in_quotes(pattern),
-                ", expected one %d for their numbers, as %03d");
+    return bad_file(header, "the data files ", in_quotes(pattern),
+                    ", expected one %d for their numbers, as %03d");
   constexpr std::int64_t kMaxFiles = 1 << 20;
   if (!is_file_number(first) || !is_file_number(last) || !is_file_number(step) || step == 0 ||
       (step > 0) != (last >= first) || (last - first) / step >= kMaxFiles)
-    return fail(ErrorCode::bad_file, header, ": data files numbered ", first, " to ", last,
-                " in steps of ", step, ", expected at most ", kMaxFiles);
+    return bad_file(header, "data files numbered ", first, " to ", last, " in steps of ", step,
+                    ", expected at most ", kMaxFiles);
   std::vector<std::string> files;
   for (std::int64_t number = first; step > 0 ? number <= last : number >= last; number += step) {
     std::string digits = std::to_string(number);
@@ -152,7 +111,7 @@ Result<std::vector<std::string>> numbered_files(const std::string& header, std::
 }
 
 std::string without_packing(const std::string& path) {
-  const std::string file = lower(path);
+  const std::string file = lower_case(path);
   for (const std::string_view ending : kPackedEndings)
     if (!ending.empty() && file.ends_with(ending))
       return path.substr(0, path.size() - ending.size());
@@ -164,7 +123,7 @@ std::string partner_of(const std::string& path, std::string_view ending) {
   const std::string unpacked = without_packing(path);
   const std::string own = fs::path(unpacked).extension();
   std::string other(ending);
-  if (own != lower(own))
+  if (own != lower_case(own))
     for (char& c : other) c = static_cast<char>(std::toupper(static_cast<unsigned char>(c)));
   std::string plain = fs::path(unpacked).replace_extension(other);
   std::error_code code;
@@ -181,6 +140,97 @@ std::string_view next_line(std::string_view text, std::size_t& at) {
   at = end == std::string_view::npos ? text.size() : end + 1;
   if (line.ends_with('\r')) line.remove_suffix(1);
   return line;
+}
+
+std::vector<std::string> next_row(std::string_view text, std::size_t& at, std::size_t& line,
+                                  char separator) {
+  std::vector<std::string> cells{""};
+  for (bool quoted = false; at < text.size();) {
+    const char c = text[at++];
+    if (c == '\n') ++line;
+    if (c == '"' && quoted && at < text.size() && text[at] == '"') {
+      cells.back() += text[at++];
+    } else if (c == '"') {
+      quoted = !quoted;
+    } else if (c == '\n' && !quoted) {
+      break;
+    } else if (c == separator && !quoted) {
+      cells.emplace_back();
+    } else if (quoted || c != '\r') {
+      cells.back() += c;
+    }
+  }
+  for (std::string& cell : cells) cell = trim(cell, " \t");
+  return cells;
+}
+
+void TextHeader::list(std::string_view head, std::size_t at) {
+  while (at < head.size())
+    if (const auto name = trim(next_line(head, at)); !name.empty()) listed.emplace_back(name);
+}
+
+const std::string* TextHeader::find(std::string_view field) const {
+  const auto found = fields.find(field);
+  return found == fields.end() ? nullptr : &found->second;
+}
+
+Result<std::string> TextHeader::required(std::string_view field) const {
+  if (const std::string* text = find(field)) return *text;
+  return bad_file(path, "the header has no '", field, ":' line");
+}
+
+Result<std::int64_t> TextHeader::integer(std::string_view field, std::int64_t low,
+                                         std::int64_t high,
+                                         std::optional<std::int64_t> otherwise) const {
+  if (otherwise && !find(field)) return *otherwise;
+  const auto text = SLF_TRY(required(field));
+  const auto value = parse_integer(text);
+  if (value && *value >= low && *value <= high) return *value;
+  return bad_file(path, "'", field, "' is ", in_quotes(text), ", expected ", low, " to ", high);
+}
+
+Result<std::vector<std::string_view>> TextHeader::parts(std::string_view field,
+                                                        std::size_t count) const {
+  const std::string* text = find(field);
+  if (!text) return std::vector<std::string_view>{};
+  auto parts = words(*text);
+  if (parts.size() == count) return parts;
+  return bad_file(path, "'", field, ": ", in_quotes(*text), "' has ", parts.size(),
+                  " values, expected ", count);
+}
+
+Result<std::vector<double>> TextHeader::numbers(std::string_view field, std::size_t count) const {
+  std::vector<double> numbers;
+  const auto texts = SLF_TRY(parts(field, count));
+  for (const auto text : texts) {
+    const auto number = parse_number(text);
+    if (!number)
+      return bad_file(path, "'", field, "' ", numbers.size(), " is ", in_quotes(text),
+                      ", expected a number");
+    numbers.push_back(*number);
+  }
+  return numbers;
+}
+
+Result<std::vector<std::uint64_t>> TextHeader::sizes(std::string_view field,
+                                                     std::size_t count) const {
+  SLF_TRY(required(field));
+  std::vector<std::uint64_t> sizes;
+  const auto texts = SLF_TRY(parts(field, count));
+  for (const auto text : texts) {
+    const auto size = parse_integer(text);
+    if (!size || *size < 1)
+      return bad_file(path, "'", field, "' ", sizes.size(), " is ", in_quotes(text),
+                      ", expected a positive integer");
+    sizes.push_back(static_cast<std::uint64_t>(*size));
+  }
+  return sizes;
+}
+
+Result<void> TextHeader::check_data_file(const std::string& file) const {
+  const auto size = file_size(file);
+  if (size) return {};
+  return fail(size.error().code, path, ": its data file cannot be read: ", size.error().message);
 }
 
 }  // namespace slf::volume_io

@@ -1,7 +1,6 @@
 // TIFF stacks: plain pages, OME-TIFF and ImageJ's, BigTIFF too.
 #include <algorithm>
 #include <array>
-#include <bit>
 #include <limits>
 #include <set>
 
@@ -23,29 +22,15 @@ Result<SliceKind> kind_of(const TiffFile& file) {
                  .height = file.tag<std::uint32_t>(TIFFTAG_IMAGELENGTH, 0),
                  .components = file.tag<std::uint16_t>(TIFFTAG_SAMPLESPERPIXEL, 1)};
   if (kind.width == 0 || kind.height == 0 || kind.components == 0)
-    return fail(ErrorCode::bad_file, file.path, ": page ", file.page, " has no pixels");
+    return bad_file(file.path, "page ", file.page, " has no pixels");
   const auto bits = file.tag<std::uint16_t>(TIFFTAG_BITSPERSAMPLE, 1);
   const auto format = file.tag<std::uint16_t>(TIFFTAG_SAMPLEFORMAT, SAMPLEFORMAT_UINT);
-  struct Known {
-    int bits, format;
-    ScalarType type;
-  };
-  bool known = false;
-  for (const auto& k :
-       {Known{8, SAMPLEFORMAT_UINT, ScalarType::u8}, Known{8, SAMPLEFORMAT_INT, ScalarType::i8},
-        Known{16, SAMPLEFORMAT_UINT, ScalarType::u16}, Known{16, SAMPLEFORMAT_INT, ScalarType::i16},
-        Known{32, SAMPLEFORMAT_UINT, ScalarType::u32}, Known{32, SAMPLEFORMAT_INT, ScalarType::i32},
-        Known{64, SAMPLEFORMAT_UINT, ScalarType::u64}, Known{64, SAMPLEFORMAT_INT, ScalarType::i64},
-        Known{32, SAMPLEFORMAT_IEEEFP, ScalarType::f32},
-        Known{64, SAMPLEFORMAT_IEEEFP, ScalarType::f64}})
-    if (k.bits == bits &&
-        (k.format == format || (format == SAMPLEFORMAT_VOID && k.format == SAMPLEFORMAT_UINT))) {
-      kind.type = k.type;
-      known = true;
-    }
-  if (!known)
-    return fail(ErrorCode::unsupported, file.path, ": samples of ", bits, " bits, format ", format,
-                ", expected 8, 16, 32 or 64 bits");
+  const char letter = format == SAMPLEFORMAT_IEEEFP ? 'f' : format == SAMPLEFORMAT_INT ? 'i' : 'u';
+  const auto type = parse_scalar_type(letter + std::to_string(bits));
+  if (!type || (letter == 'u' && format != SAMPLEFORMAT_UINT && format != SAMPLEFORMAT_VOID))
+    return unsupported(file.path, "samples of ", bits, " bits, format ", format,
+                       ", expected 8, 16, 32 or 64 bits");
+  kind.type = *type;
   std::uint16_t extra = 0;
   std::uint16_t* meanings = nullptr;
   if (TIFFGetField(file.tiff.get(), TIFFTAG_EXTRASAMPLES, &extra, &meanings) && extra == 1)
@@ -91,8 +76,8 @@ Result<TiffDescription> describe_pages(const TiffFile& file, const SliceKind& ki
   const std::string text = file.text(TIFFTAG_IMAGEDESCRIPTION);
   if (looks_like_ome(text)) return parse_ome(text, file.path, kind.components, options.array);
   if (options.array)
-    return fail(ErrorCode::usage, file.path, ": array ", in_quotes(*options.array),
-                " was chosen, but the file names none");
+    return misuse(file.path, "array ", in_quotes(*options.array),
+                  " was chosen, but the file names none");
   if (looks_like_imagej(text))
     return parse_imagej(text,
                         {.pixels = {file.tag<float>(TIFFTAG_XRESOLUTION, 0),
@@ -137,9 +122,9 @@ Result<TiffStack> survey(const std::string& path, const VolumeOptions& options) 
     more = SLF_TRY(file.next());
   }
   if (stack.pages == 0)
-    return fail(ErrorCode::unsupported, path,
-                ": holds nothing but reduced copies and masks of pages that it lacks: give the "
-                "file of the whole stack");
+    return unsupported(path,
+                       "holds nothing but reduced copies and masks of pages that it lacks: give "
+                       "the file of the whole stack");
   if (alike && stack.pages > 2 && stack.d.origin.empty() && rest->width > stack.kind.width &&
       rest->height > stack.kind.height) {
     stack.first = 1;
@@ -161,8 +146,8 @@ class PageReader {
       file_ = SLF_TRY(TiffFile::open(place.path));
       passed_ = 0;
     } else if (place == last_) {
-      return fail(ErrorCode::bad_file, place.path, ": page ", place.page,
-                  " is that of two slices in its OME metadata");
+      return bad_file(place.path, "page ", place.page,
+                      " is that of two slices in its OME metadata");
     }
     last_ = place;
     while (true) {
@@ -171,8 +156,8 @@ class PageReader {
       passed_ += counts ? 1 : 0;
       const auto more = SLF_TRY(file_->next());
       if (!more)
-        return fail(ErrorCode::bad_file, place.path, ": has ", passed_, " pages, but page ",
-                    place.page, " is part of the volume");
+        return bad_file(place.path, "has ", passed_, " pages, but page ", place.page,
+                        " is part of the volume");
     }
   }
 
@@ -212,9 +197,7 @@ Result<void> append_slices(const std::string& path, const TiffStack& stack,
                            std::vector<std::string>& files, std::vector<std::byte>& voxels) {
   constexpr std::uint64_t kMaxSlices = 1 << 20;
   const TiffDescription& d = stack.d;
-  if (d.z > kMaxSlices)
-    return fail(ErrorCode::unsupported, path, ": ", d.z, " slices; up to ", kMaxSlices,
-                " are read");
+  if (d.z > kMaxSlices) return unsupported(path, d.z, " slices; up to ", kMaxSlices, " are read");
   const auto selector = SLF_TRY(ComponentSelector::make(path, stack.kind, channel.of_page));
   // A file that has all pictures may have been renamed since, and its metadata may place none.
   const bool own = has_counted_pages(stack) && !d.of_several;
@@ -236,8 +219,8 @@ Result<void> append_slices(const std::string& path, const TiffStack& stack,
     const auto page = SLF_TRY(reader.at(place));
     const auto here = SLF_TRY(kind_of(*page));
     if (here != stack.kind)
-      return fail(ErrorCode::unsupported, place.path, ": page ", place.page, " is ", describe(here),
-                  ", unlike the first (", describe(stack.kind), ")");
+      return unsupported(place.path, "page ", place.page, " is ", describe(here),
+                         ", unlike the first (", describe(stack.kind), ")");
     SLF_TRY(append_page(*page, stack.kind, selector, voxels));
   }
   if (in_order) return {};
@@ -250,10 +233,10 @@ Result<void> append_slices(const std::string& path, const TiffStack& stack,
 
 tl::unexpected<Error> wrong_count(const std::string& path, const TiffStack& stack) {
   const TiffDescription& d = stack.d;
-  return fail(ErrorCode::bad_file, path, ": ", stack.pages, " pages, but its ", d.origin,
-              " metadata say ", d.z, " slices, ", d.channels, " channels, ", d.times,
-              " time points: it is truncated, or one of a set of files that it does not name; "
-              "save the set as one file, e.g. with bfconvert or ImageJ");
+  return bad_file(path, stack.pages, " pages, but its ", d.origin, " metadata say ", d.z,
+                  " slices, ", d.channels, " channels, ", d.times,
+                  " time points: it is truncated, or one of a set of files that it does not name; "
+                  "save the set as one file, e.g. with bfconvert or ImageJ");
 }
 
 void set_spacing(const TiffDescription& d, const VolumeOptions& options, Volume& volume) {
@@ -279,8 +262,8 @@ Result<Volume> read_raw_stack(const TiffFile& file, const SliceKind& kind, const
   if (kind.components != 1 ||
       file.tag<std::uint16_t>(TIFFTAG_COMPRESSION, COMPRESSION_NONE) != COMPRESSION_NONE ||
       !TIFFGetField(file.tiff.get(), TIFFTAG_STRIPOFFSETS, &offsets) || !offsets)
-    return fail(ErrorCode::unsupported, file.path, ": one page for ", d.z * d.channels * d.times,
-                " pictures: save it as a TIFF with a page each");
+    return unsupported(file.path, "one page for ", d.z * d.channels * d.times,
+                       " pictures: save it as a TIFF with a page each");
   // Pictures between two slices are taken as components of a voxel that are stored in runs.
   const std::uint64_t step = page_of(d, 1, 0, 0), pixels = std::uint64_t{kind.width} * kind.height;
   VoxelData data{.path = file.path, .offset = offsets[0]};
@@ -290,7 +273,7 @@ Result<Volume> read_raw_stack(const TiffFile& file, const SliceKind& kind, const
   if (step > 1) data.run = pixels;
   if (step > std::numeric_limits<std::uint32_t>::max() ||
       __builtin_mul_overflow(first / step * step, pixels * bytes_per_voxel(kind.type), &data.skip))
-    return fail(ErrorCode::bad_file, file.path, ": absurd counts of pictures");
+    return bad_file(file.path, "absurd counts of pictures");
   SLF_TRY(read_voxels(data, volume));
   return volume;
 }

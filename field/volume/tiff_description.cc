@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>
-#include <set>
 
 #include "base/try.h"
 #include "field/image/tiff_file.h"
@@ -17,7 +16,7 @@ namespace {
 constexpr std::uint64_t kMaxCount = 1 << 24;  // slices, channels, times, or pages
 
 double micrometres(std::string_view unit) {
-  const std::string text = lower(trim(unit));
+  const std::string text = lower_case(trim(unit));
   if (text == "nm") return 1e-3;
   if (text == "mm") return 1e3;
   if (text == "cm") return 1e4;
@@ -35,19 +34,18 @@ class OmeReader {
   /// Reads the metadata of the file at `path`, or those of the file that they name instead, an XML
   /// document or another TIFF. Returns the path of that file.
   Result<std::string> read(std::string_view text, const std::string& path) {
-    const XmlHandler handler{
-        .start = [this](std::string_view name, const XmlAttributes& a) { return start(name, a); }};
-    SLF_TRY(parse_xml(text, path + ": OME metadata", handler));
+    SLF_TRY(parse(text, path + ": OME metadata"));
     if (metadata_file_.empty()) return path;
     const std::string source = beside(path, metadata_file_);
     const auto head = SLF_TRY(read_head(source, 4));
     if (!looks_like_tiff(head)) {
-      SLF_TRY(read_xml(source, handler));
+      const auto bytes = SLF_TRY(read_file(source, std::uint64_t{1} << 30));
+      SLF_TRY(parse(chars_of(bytes), source));
       return source;
     }
     const auto file = SLF_TRY(image_formats::TiffFile::open(source));
     const auto description = SLF_TRY(file->description());
-    SLF_TRY(parse_xml(description, source + ": OME metadata", handler));
+    SLF_TRY(parse(description, source + ": OME metadata"));
     for (auto& image : images_)  // a place without a file is in the file of the metadata
       for (auto& [first, run] : image.d.runs)
         if (run.file.empty()) run.file = metadata_file_;
@@ -67,12 +65,12 @@ class OmeReader {
                                                const std::optional<std::string>& wanted) {
     for (const auto& image : images_) {
       std::string sorted = image.d.order;
-      std::sort(sorted.begin(), sorted.end());
+      std::ranges::sort(sorted);
       if (sorted != "CTZ") problem_ = "DimensionOrder";
     }
     if (!problem_.empty() || images_.empty())
-      return fail(ErrorCode::bad_file, source, ": OME metadata: ",
-                  problem_.empty() ? "Pixels is missing" : problem_ + " is absurd or missing");
+      return bad_file(source, "OME metadata: ",
+                      problem_.empty() ? "Pixels is missing" : problem_ + " is absurd or missing");
     if (images_.size() == 1 && !wanted) return std::move(images_.front().d);
     std::uint64_t page = 0;
     std::string names;
@@ -89,8 +87,8 @@ class OmeReader {
     }
     if (images_.size() > 8) names += " and more";
     if (wanted)
-      return fail(ErrorCode::usage, source, ": no image ", in_quotes(*wanted),
-                  " in its OME metadata; there are ", names);
+      return misuse(source, "no image ", in_quotes(*wanted), " in its OME metadata; there are ",
+                    names);
     return fail_without("array", ErrorCode::unsupported, source, ": ", images_.size(),
                         " images (series) in one OME-TIFF, expected one: choose array ", names);
   }
@@ -101,36 +99,38 @@ class OmeReader {
     TiffDescription d{};
   };
 
-  bool start(std::string_view name, const XmlAttributes& a) {
+  Result<void> parse(std::string_view text, const std::string& source) {
     constexpr std::size_t kMaxImages = 4096;
-    const auto get = [&](const char* key) {
-      const auto found = a.find(key);
-      return found == a.end() ? "" : found->second;
-    };
-    if (name == "BinaryOnly") {
-      metadata_file_ = get("MetadataFile");
-    } else if (name == "Image") {
-      image_name_ = get("Name");
-      image_id_ = get("ID");
-    } else if (name == "Pixels") {
-      if (images_.size() == kMaxImages) return false;
-      images_.push_back({.name = image_name_, .id = image_id_});
-      run_ = nullptr;
-      pixels(a, images_.back().d);
-    } else if (name == "TiffData" && !images_.empty()) {
-      tiff_data(a, images_.back().d);
-    } else if (name == "UUID" && run_) {
-      if (const auto file = a.find("FileName"); file != a.end()) run_->file = file->second;
+    const auto xml = SLF_TRY(parse_xml(text, source));
+    std::string image_name, image_id;
+    TiffDescription::Run* run = nullptr;  // of the last TiffData
+    for (const pugi::xml_node& element : elements_of(*xml)) {
+      const auto name = name_of(element);
+      if (name == "BinaryOnly") {
+        metadata_file_ = attribute(element, "MetadataFile");
+      } else if (name == "Image") {
+        image_name = attribute(element, "Name");
+        image_id = attribute(element, "ID");
+      } else if (name == "Pixels") {
+        if (images_.size() == kMaxImages) break;
+        images_.push_back({.name = image_name, .id = image_id});
+        run = nullptr;
+        pixels(element, images_.back().d);
+      } else if (name == "TiffData" && !images_.empty()) {
+        run = &tiff_data(element, images_.back().d);
+      } else if (name == "UUID" && run) {
+        if (const auto file = element.attribute("FileName")) run->file = file.value();
+      }
     }
-    return true;
+    return {};
   }
 
   /// A number from `min` on.
-  std::uint64_t count(const XmlAttributes& a, const char* key, std::uint64_t min,
+  std::uint64_t count(const pugi::xml_node& element, const char* key, std::uint64_t min,
                       std::optional<std::uint64_t> otherwise) {
-    const auto found = a.find(key);
-    if (found == a.end() && otherwise) return *otherwise;
-    const auto value = found == a.end() ? std::nullopt : parse_integer(found->second);
+    const auto stated = element.attribute(key);
+    if (!stated && otherwise) return *otherwise;
+    const auto value = parse_integer(stated.value());
     if (value && *value >= static_cast<std::int64_t>(min) &&
         *value <= static_cast<std::int64_t>(kMaxCount))
       return static_cast<std::uint64_t>(*value);
@@ -138,7 +138,7 @@ class OmeReader {
     return min;
   }
 
-  void pixels(const XmlAttributes& a, TiffDescription& d) {
+  void pixels(const pugi::xml_node& a, TiffDescription& d) {
     d.origin = "OME";
     d.z = count(a, "SizeZ", 1, {});
     d.channels = count(a, "SizeC", 1, {});
@@ -146,33 +146,31 @@ class OmeReader {
     // OME counts the samples of a colour pixel as channels.
     components_ = d.channels % all_components_ == 0 ? all_components_ : 1;
     d.channels /= components_;
-    if (const auto order = a.find("DimensionOrder"); order != a.end() && order->second.size() == 5)
-      d.order = order->second.substr(2);
+    if (const std::string order = attribute(a, "DimensionOrder"); order.size() == 5)
+      d.order = order.substr(2);
     for (int i = 0; i < 3; ++i) {
       const std::string key = std::string("PhysicalSize") + "XYZ"[i];
-      const auto size = a.find(key);
-      const auto unit = a.find(key + "Unit");
-      const auto value = size == a.end() ? std::nullopt : parse_number(size->second);
+      const auto value = parse_number(attribute(a, key.c_str()));
       if (value && *value > 0 && std::isfinite(*value))
-        d.spacing[i] = *value * micrometres(unit == a.end() ? "" : unit->second);
+        d.spacing[i] = *value * micrometres(attribute(a, (key + "Unit").c_str()));
     }
   }
 
   /// Without a page, the element means all pictures; with one, a single picture.
-  void tiff_data(const XmlAttributes& a, TiffDescription& d) {
-    const bool all = !a.contains("IFD");
+  TiffDescription::Run& tiff_data(const pugi::xml_node& a, TiffDescription& d) {
+    const bool all = !a.attribute("IFD");
     const std::uint64_t first =
         page_of(d, count(a, "FirstZ", 0, 0), count(a, "FirstC", 0, 0) / components_,
                 count(a, "FirstT", 0, 0));
-    run_ = &d.runs[first];
-    run_->page = count(a, "IFD", 0, 0);
-    run_->count = count(a, "PlaneCount", 1, all ? kMaxCount : 1);
+    TiffDescription::Run& run = d.runs[first];
+    run.page = count(a, "IFD", 0, 0);
+    run.count = count(a, "PlaneCount", 1, all ? kMaxCount : 1);
+    return run;
   }
 
   std::vector<OmeImage> images_;
-  TiffDescription::Run* run_ = nullptr;  // of the last TiffData
   std::uint64_t all_components_, components_ = 1;
-  std::string image_name_, image_id_, metadata_file_, problem_;
+  std::string metadata_file_, problem_;
 };
 
 }  // namespace
@@ -201,8 +199,7 @@ Result<TiffPlace> TiffDescription::place_of(std::uint64_t picture, const std::st
       return place;
     }
   }
-  return fail(ErrorCode::bad_file, path, ": its OME metadata do not say where picture ", picture,
-              " is");
+  return bad_file(path, "its OME metadata do not say where picture ", picture, " is");
 }
 
 std::uint64_t page_of(const TiffDescription& d, std::uint64_t z, std::uint64_t c, std::uint64_t t) {
@@ -241,7 +238,7 @@ TiffDescription parse_imagej(std::string_view text, const TiffResolution& resolu
     const auto line = next_line(text, at);
     const auto equals = line.find('=');
     if (equals != std::string_view::npos)
-      entries[lower(trim(line.substr(0, equals)))] = trim(line.substr(equals + 1));
+      entries[lower_case(trim(line.substr(0, equals)))] = trim(line.substr(equals + 1));
   }
   const auto count = [&](const char* key) -> std::uint64_t {
     const auto found = entries.find(key);
@@ -265,7 +262,7 @@ TiffDescription parse_imagej(std::string_view text, const TiffResolution& resolu
     else
       unit = "inch";
   }
-  d.has_unit = !unit.empty() && !lower(unit).starts_with("pixel");
+  d.has_unit = !unit.empty() && !lower_case(unit).starts_with("pixel");
   for (int i = 0; i < 2; ++i)
     if (const float per_unit = pixels[static_cast<std::size_t>(i)]; per_unit > 0)
       d.spacing[i] = micrometres(unit) / per_unit;

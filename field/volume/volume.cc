@@ -111,15 +111,14 @@ Result<Volume> read_packed(const VolumeFormat& format, const std::string& path,
 Result<Volume> read_any(const std::string& path, const VolumeOptions& options) {
   std::error_code code;
   if (std::filesystem::is_directory(path, code)) {
-    if (options.raw)
-      return fail(ErrorCode::usage, path, ": a raw layout was given, but this is a folder");
+    if (options.raw) return misuse(path, "a raw layout was given, but this is a folder");
     return read_folder(path, options);
   }
   if (options.raw) {
     SLF_TRY(refuse_series(path, options));
     return read_raw(path, *options.raw, options);
   }
-  if (lower(without_packing(path)).ends_with(".img")) {
+  if (lower_case(without_packing(path)).ends_with(".img")) {
     const auto header = partner_of(path, ".hdr");
     if (const auto head = read_head(header, kMinHeaderBytes); head && is_header_of_pair(*head)) {
       auto volume = read_nifti(header, *head, options);
@@ -128,15 +127,14 @@ Result<Volume> read_any(const std::string& path, const VolumeOptions& options) {
     }
   }
   const auto size = SLF_TRY(file_size(path));
-  if (size == 0)
-    return fail(ErrorCode::bad_file, path, ": the file is empty; copy or download it again");
+  if (size == 0) return bad_file(path, "the file is empty; copy or download it again");
   const auto head = SLF_TRY(
       read_head(path, std::clamp<std::uint64_t>(size * 4, kMinHeaderBytes, kMaxHeaderBytes)));
   const VolumeFormat* format = format_of(head);
   if (!format || format->read != read_dicom_file) SLF_TRY(refuse_series(path, options));
   if (options.array && !(format && format->names_arrays))
-    return fail(ErrorCode::usage, path, ": array ", in_quotes(*options.array),
-                " was chosen, but files of this format name none");
+    return misuse(path, "array ", in_quotes(*options.array),
+                  " was chosen, but files of this format name none");
   if (!format) return tl::unexpected(refuse_file(path, head));
   const bool as_it_is =
       format->unpacks_itself || (format->names_files && format->names_files(head));
@@ -156,10 +154,10 @@ std::size_t bytes_per_voxel(ScalarType type) {
 }
 
 Result<ScalarType> parse_scalar_type(std::string_view text) {
-  const std::string wanted = lower(trim(text));
+  const std::string wanted = lower_case(trim(text));
   std::string known;
   for (const auto& [type, bytes, names] : type_names()) {
-    if (std::find(names.begin(), names.end(), wanted) != names.end()) return type;
+    if (std::ranges::find(names, wanted) != names.end()) return type;
     known += (known.empty() ? "" : ", ") + std::string(names.front());
   }
   return fail(ErrorCode::usage, "unknown voxel type ", in_quotes(text), ", expected one of ",
@@ -212,8 +210,8 @@ Result<Volume> read_raw(const std::string& path, const RawLayout& layout,
   volume.dims = *dims;
   for (int i = 0; i < 3; ++i) {
     if (!(layout.spacing[i] > 0) || !std::isfinite(layout.spacing[i]))
-      return fail(ErrorCode::usage, path, ": spacing along axis ", i, " is ", layout.spacing[i],
-                  ", expected a positive number");
+      return misuse(path, "spacing along axis ", i, " is ", layout.spacing[i],
+                    ", expected a positive number");
     volume.axes[i][i] = layout.spacing[i];
   }
   if (auto checked = check_axes(volume); !checked) return as_usage(checked.error());
@@ -242,8 +240,7 @@ namespace {
 Result<void> check_spacing(const std::string& path, const VolumeOptions& options) {
   for (int i = 0; options.spacing && i < 3; ++i)
     if (const double spacing = (*options.spacing)[i]; !(spacing > 1e-30) || !(spacing < 1e30))
-      return fail(ErrorCode::usage, path, ": spacing ", i, " is ", spacing,
-                  ", expected a positive number");
+      return misuse(path, "spacing ", i, " is ", spacing, ", expected a positive number");
   return {};
 }
 
@@ -253,8 +250,8 @@ Result<void> crop(const VoxelBox& box, Volume& volume) {
   for (std::size_t i = 0; i < 3; ++i) {
     if (to[i] == 0) to[i] = volume.dims[i];
     if (to[i] > volume.dims[i] || from[i] >= to[i] || to[i] - from[i] < 2)
-      return fail(ErrorCode::usage, volume.source, ": a crop from ", from[i], " to ", to[i],
-                  " along ", "xyz"[i], ", expected at least 2 voxels within 0 to ", volume.dims[i]);
+      return misuse(volume.source, "a crop from ", from[i], " to ", to[i], " along ", "xyz"[i],
+                    ", expected at least 2 voxels within 0 to ", volume.dims[i]);
   }
   const std::size_t voxel = bytes_per_voxel(volume.type);
   const std::size_t row = (to[0] - from[0]) * voxel;
@@ -280,7 +277,7 @@ Result<Volume> read_volume(const std::string& path, const VolumeOptions& options
     SLF_TRY(check_spacing(path, options));
     auto volume = read_any(path, options);
     if (!volume) return volume;
-    if (std::find(volume->files.begin(), volume->files.end(), path) == volume->files.end())
+    if (std::ranges::find(volume->files, path) == volume->files.end())
       volume->files.push_back(path);
     if (!has_finite_value(*volume))
       volume->notes.emplace_back("all values are NaN or infinite: there is nothing to draw");
@@ -288,8 +285,8 @@ Result<Volume> read_volume(const std::string& path, const VolumeOptions& options
     if (options.crop) SLF_TRY(crop(*options.crop, *volume));
     if (!options.labels) return volume;
     if (!make_labels(*volume))
-      return fail(ErrorCode::usage, path, ": read as labels, but its values (", name(volume->type),
-                  ", slope ", volume->slope, ") are not all integers: it holds amounts, not ids");
+      return misuse(path, "read as labels, but its values (", name(volume->type), ", slope ",
+                    volume->slope, ") are not all integers: it holds amounts, not ids");
     volume->labels = true;
     return volume;
   } catch (const std::bad_alloc&) {

@@ -2,7 +2,6 @@
 #include <algorithm>
 #include <bit>
 #include <cstring>
-#include <limits>
 #include <optional>
 #include <utility>
 
@@ -35,15 +34,13 @@ Result<VoxelBytes> count_bytes(const VoxelData& from, const Volume& volume) {
       __builtin_mul_overflow(bytes.volume, volumes, &bytes.all) ||
       __builtin_add_overflow(bytes.all, from.skip, &end) ||
       __builtin_add_overflow(end, from.offset, &end))
-    return fail(ErrorCode::bad_file, from.path, ": absurd dims: ", volumes,
-                " volumes end beyond 2^64 bytes");
+    return bad_file(from.path, "absurd dims: ", volumes, " volumes end beyond 2^64 bytes");
   bytes.begin = bytes.volume * from.index;
   const std::uint64_t files = std::max<std::size_t>(from.parts.size(), 1);
   bytes.part = bytes.all / files;
   if (bytes.part == 0 || bytes.part * files != bytes.all)
-    return fail(ErrorCode::bad_file, volume.source, ": its ", bytes.all,
-                " bytes of voxels cannot be ", files,
-                " data files of one size: its list of files or its sizes are wrong");
+    return bad_file(volume.source, "its ", bytes.all, " bytes of voxels cannot be ", files,
+                    " data files of one size: its list of files or its sizes are wrong");
   return bytes;
 }
 
@@ -256,8 +253,8 @@ Result<void> read_voxels(const VoxelData& given, Volume& volume) {
         SLF_TRY(read_component(stream, from, width, std::span(volume.voxels).subspan(done)));
     done += got;
     if (got != wanted)
-      return fail(ErrorCode::bad_file, from.path, ": expected ", needed, " bytes of voxels, found ",
-                  done, ": the file is truncated, or its header is wrong");
+      return bad_file(from.path, "expected ", needed, " bytes of voxels, found ", done,
+                      ": the file is truncated, or its header is wrong");
   }
   SLF_TRY(note_longer(from, bytes, stream, volume));
   if (from.big_endian != (std::endian::native == std::endian::big))

@@ -1,8 +1,9 @@
-// visit_voxels: a volume's voxels as a span of their own type.
+// Voxels as what they are: their type, and spans of it.
 #pragma once
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <span>
 #include <type_traits>
 
@@ -10,16 +11,34 @@
 
 namespace slf {
 
-namespace detail {
-
-template <class T, class Visitor>
-decltype(auto) visit_as(const Volume& volume, Visitor&& visitor) {
-  const auto bytes = volume.bytes();
-  return visitor(
-      std::span<const T>(reinterpret_cast<const T*>(bytes.data()), bytes.size() / sizeof(T)));
+/// Calls `visitor` with a zero of the C++ type that this is, and returns what it returns:
+/// `with_type(type, []<class T>(T) { return sizeof(T); })`
+template <class Visitor>
+decltype(auto) with_type(ScalarType type, Visitor&& visitor) {
+  switch (type) {
+    case ScalarType::u8:
+      return visitor(std::uint8_t{});
+    case ScalarType::i8:
+      return visitor(std::int8_t{});
+    case ScalarType::u16:
+      return visitor(std::uint16_t{});
+    case ScalarType::i16:
+      return visitor(std::int16_t{});
+    case ScalarType::u32:
+      return visitor(std::uint32_t{});
+    case ScalarType::i32:
+      return visitor(std::int32_t{});
+    case ScalarType::u64:
+      return visitor(std::uint64_t{});
+    case ScalarType::i64:
+      return visitor(std::int64_t{});
+    case ScalarType::f32:
+      return visitor(float{});
+    case ScalarType::f64:
+      break;
+  }
+  return visitor(double{});
 }
-
-}  // namespace detail
 
 /// Calls `visitor` with a std::span<const T> of the stored voxels (before slope and intercept),
 /// and returns what it returns:
@@ -27,29 +46,11 @@ decltype(auto) visit_as(const Volume& volume, Visitor&& visitor) {
 /// The span lives as long as the volume is not changed.
 template <class Visitor>
 decltype(auto) visit_voxels(const Volume& volume, Visitor&& visitor) {
-  switch (volume.type) {
-    case ScalarType::u8:
-      return detail::visit_as<std::uint8_t>(volume, visitor);
-    case ScalarType::i8:
-      return detail::visit_as<std::int8_t>(volume, visitor);
-    case ScalarType::u16:
-      return detail::visit_as<std::uint16_t>(volume, visitor);
-    case ScalarType::i16:
-      return detail::visit_as<std::int16_t>(volume, visitor);
-    case ScalarType::u32:
-      return detail::visit_as<std::uint32_t>(volume, visitor);
-    case ScalarType::i32:
-      return detail::visit_as<std::int32_t>(volume, visitor);
-    case ScalarType::u64:
-      return detail::visit_as<std::uint64_t>(volume, visitor);
-    case ScalarType::i64:
-      return detail::visit_as<std::int64_t>(volume, visitor);
-    case ScalarType::f32:
-      return detail::visit_as<float>(volume, visitor);
-    case ScalarType::f64:
-      break;
-  }
-  return detail::visit_as<double>(volume, visitor);
+  return with_type(volume.type, [&]<class T>(T) -> decltype(auto) {
+    const auto bytes = volume.bytes();
+    return visitor(
+        std::span<const T>(reinterpret_cast<const T*>(bytes.data()), bytes.size() / sizeof(T)));
+  });
 }
 
 /// False if all values are NaN or infinite: there is nothing to draw.
@@ -57,7 +58,7 @@ decltype(auto) visit_voxels(const Volume& volume, Visitor&& visitor) {
   return visit_voxels(volume, [](auto voxels) {
     using T = typename decltype(voxels)::value_type;
     if constexpr (std::is_floating_point_v<T>)
-      return std::any_of(voxels.begin(), voxels.end(), [](T v) { return std::isfinite(v); });
+      return std::ranges::any_of(voxels, [](T v) { return std::isfinite(v); });
     else
       return !voxels.empty();
   });

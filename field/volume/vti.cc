@@ -21,13 +21,11 @@ Result<std::vector<double>> numbers(const std::string& path, const char* what,
   for (const auto word : words(text)) {
     const auto value = parse_number(word);
     if (!value || !std::isfinite(*value) || result.size() == count)
-      return fail(ErrorCode::bad_file, path, ": ", what, " is ", in_quotes(text), ", expected ",
-                  count, " numbers");
+      return bad_file(path, what, " is ", in_quotes(text), ", expected ", count, " numbers");
     result.push_back(*value);
   }
   if (result.size() != count)
-    return fail(ErrorCode::bad_file, path, ": ", what, " is ", in_quotes(text), ", expected ",
-                count, " numbers");
+    return bad_file(path, what, " is ", in_quotes(text), ", expected ", count, " numbers");
   return result;
 }
 
@@ -44,8 +42,7 @@ Result<Extent> parse_extent(const std::string& path, const std::string& text, bo
     const double low = values[2 * i], high = values[2 * i + 1];
     if (!(std::abs(low) < 0x1p31) || !(std::abs(high) < 0x1p31) ||
         !(high - low + (of_cells ? 0 : 1) >= 1))
-      return fail(ErrorCode::bad_file, path, ": Extent ", low, " to ", high, " along ", "xyz"[i],
-                  " holds no voxels");
+      return bad_file(path, "Extent ", low, " to ", high, " along ", "xyz"[i], " holds no voxels");
     extent.low[i] = static_cast<std::int64_t>(low);
     extent.high[i] = static_cast<std::int64_t>(high) - (of_cells ? 1 : 0);
   }
@@ -73,10 +70,8 @@ Result<void> set_position(const VtiDocument& d, const Extent& extent, const Volu
   glm::dvec3 first;
   for (std::size_t i = 0; i < 3; ++i) {
     first[static_cast<int>(i)] = static_cast<double>(extent.low[i]) + (d.array.of_cells ? 0.5 : 0);
-    spacing[i] = spacing_or(options, i, spacing[i]);
-    if (!(spacing[i] > 0))
-      return fail_without("spacing", ErrorCode::bad_file, path, ": Spacing ", spacing[i], " along ",
-                          "xyz"[i], ", expected a positive number: choose the spacing");
+    spacing[i] =
+        SLF_TRY(spacing_or(options, i, spacing[i], path, std::string("Spacing along ") + "xyz"[i]));
   }
   volume.dims = SLF_TRY(check_dims(path, sizes_of(extent)));
   for (std::size_t axis = 0; axis < 3; ++axis)
@@ -100,18 +95,18 @@ Result<Part> read_part(const VtiDocument& d, const VtiPiece& piece, const VtiArr
   const VtiArray& array = piece.array;
   if (!array.found || array.of_cells != expected.of_cells || array.type != expected.type ||
       array.components != expected.components)
-    return fail(ErrorCode::bad_file, d.path, ": the piece of extent ", in_quotes(piece.extent),
-                " lacks the array ", in_quotes(expected.name), " as ", in_quotes(expected.type),
-                " with ", expected.components, " components");
+    return bad_file(d.path, "the piece of extent ", in_quotes(piece.extent), " lacks the array ",
+                    in_quotes(expected.name), " as ", in_quotes(expected.type), " with ",
+                    expected.components, " components");
   const auto extent =
       SLF_TRY(parse_extent(d.path, piece.extent.empty() ? d.extent : piece.extent, array.of_cells));
   const std::size_t width = bytes_per_voxel(type);
   std::uint64_t kept = width, needed = 0;
   for (const auto size : sizes_of(extent))
     if (__builtin_mul_overflow(kept, size, &kept))
-      return fail(ErrorCode::bad_file, d.path, ": absurd extent ", in_quotes(piece.extent));
+      return bad_file(d.path, "absurd extent ", in_quotes(piece.extent));
   if (__builtin_mul_overflow(kept, array.components, &needed))
-    return fail(ErrorCode::bad_file, d.path, ": absurd extent and components");
+    return bad_file(d.path, "absurd extent and components");
   auto bytes = SLF_TRY(read_vti_data(d, array, type, needed));
   for (std::size_t from = component * width, to = 0; array.components > 1 && from < bytes.size();
        from += width * array.components, to += width)
@@ -136,8 +131,8 @@ Result<std::vector<Part>> read_parts(const VtiDocument& d, ScalarType type, std:
       return fail(in_file.error().code, d.path, ": its piece ", parts.size() + 1, " of ",
                   d.pieces.size(), " cannot be read: ", in_file.error().message);
     if (in_file->type != "ImageData" || in_file->pieces.size() != 1)
-      return fail(ErrorCode::bad_file, file, ": a VTK file of ", in_quotes(in_file->type), " with ",
-                  in_file->pieces.size(), " pieces, expected one piece of ImageData");
+      return bad_file(file, "a VTK file of ", in_quotes(in_file->type), " with ",
+                      in_file->pieces.size(), " pieces, expected one piece of ImageData");
     auto part = SLF_TRY(read_part(*in_file, in_file->pieces.front(), d.array, type, component));
     parts.push_back(std::move(part));
     volume.files.push_back(file);
@@ -153,14 +148,14 @@ Result<void> join(const std::vector<Part>& parts, const Extent& extent, Volume& 
     held += part.voxels.size() / width;
     for (std::size_t i = 0; i < 3; ++i)
       if (part.extent.low[i] < extent.low[i] || part.extent.high[i] > extent.high[i])
-        return fail(ErrorCode::bad_file, volume.source, ": a piece from ", part.extent.low[i],
-                    " to ", part.extent.high[i], " along ", "xyz"[i],
-                    " is outside of the image, which goes from ", extent.low[i], " to ",
-                    extent.high[i]);
+        return bad_file(volume.source, "a piece from ", part.extent.low[i], " to ",
+                        part.extent.high[i], " along ", "xyz"[i],
+                        " is outside of the image, which goes from ", extent.low[i], " to ",
+                        extent.high[i]);
   }
   const auto incomplete = [&] {
-    return fail(ErrorCode::bad_file, volume.source, ": its ", parts.size(),
-                " pieces do not cover its extent: some are missing");
+    return bad_file(volume.source, "its ", parts.size(),
+                    " pieces do not cover its extent: some are missing");
   };
   if (held < volume.voxel_count()) return incomplete();
   volume.voxels.resize(voxel_bytes(volume));
@@ -179,7 +174,7 @@ Result<void> join(const std::vector<Part>& parts, const Extent& extent, Volume& 
         std::fill_n(covered.begin() + static_cast<std::ptrdiff_t>(at), sizes[0], true);
       }
   }
-  if (std::find(covered.begin(), covered.end(), false) != covered.end()) return incomplete();
+  if (std::ranges::find(covered, false) != covered.end()) return incomplete();
   return {};
 }
 
@@ -202,17 +197,15 @@ Result<Volume> read_vti(const std::string& path, std::string_view, const VolumeO
   Volume volume;
   volume.source = path;
   if (d.type != "ImageData" && d.type != "PImageData")
-    return fail(ErrorCode::unsupported, path, ": a VTK file of ", in_quotes(d.type),
-                ", expected ImageData: resample it to an image");
+    return unsupported(path, "a VTK file of ", in_quotes(d.type),
+                       ", expected ImageData: resample it to an image");
   if (!d.array.found && options.array && !d.names.empty())
-    return fail(ErrorCode::usage, path, ": no array ", in_quotes(*options.array), "; there are ",
-                list(d.names));
-  if (!d.array.found || d.pieces.empty())
-    return fail(ErrorCode::bad_file, path, ": it holds no array of data");
+    return misuse(path, "no array ", in_quotes(*options.array), "; there are ", list(d.names));
+  if (!d.array.found || d.pieces.empty()) return bad_file(path, "it holds no array of data");
   const auto type = parse_scalar_type(d.array.type);
   if (!type)
-    return fail(ErrorCode::bad_file, path, ": the array ", in_quotes(d.array.name), " has type ",
-                in_quotes(d.array.type), ", expected Int8 to UInt64, Float32 or Float64");
+    return bad_file(path, "the array ", in_quotes(d.array.name), " has type ",
+                    in_quotes(d.array.type), ", expected Int8 to UInt64, Float32 or Float64");
   volume.type = *type;
   if (d.names.size() > 1 && !options.array)
     volume.notes.push_back("of its " + std::to_string(d.names.size()) + " arrays (" +

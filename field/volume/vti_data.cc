@@ -7,7 +7,6 @@
 #include <array>
 #include <bit>
 #include <functional>
-#include <limits>
 
 #include "base/base64.h"
 #include "base/bytes.h"
@@ -36,8 +35,7 @@ Result<std::uint64_t> read_count(const VtiDocument& d, const Source& source,
   std::array<std::byte, 8> bytes{};
   const std::size_t width = d.wide_header ? 8 : 4;
   const auto got = SLF_TRY(source(std::span(bytes).first(width)));
-  if (got != width)
-    return fail(ErrorCode::bad_file, path, ": its data end before their own length");
+  if (got != width) return bad_file(path, "its data end before their own length");
   if (width == 8)
     return d.big_endian ? load_be<std::uint64_t>(bytes.data())
                         : load_le<std::uint64_t>(bytes.data());
@@ -93,8 +91,8 @@ Result<void> read_blocks(const VtiDocument& d, const Compressor& compressor, con
   const auto file_bytes = SLF_TRY(file_size(path));
   if (blocks == 0 || block == 0 || block > kMaxBlockBytes || last > block ||
       blocks > needed / block + 1 || (blocks - (last ? 1 : 0)) * block + last != needed)
-    return fail(ErrorCode::bad_file, path, ": ", blocks, " packed blocks of ", block,
-                " bytes (the last of ", last, "), expected ", needed, " bytes");
+    return bad_file(path, blocks, " packed blocks of ", block, " bytes (the last of ", last,
+                    "), expected ", needed, " bytes");
   std::vector<std::uint64_t> packed;
   for (std::uint64_t i = 0; i < blocks; ++i) {
     const auto size = SLF_TRY(read_count(d, source, path));
@@ -105,14 +103,12 @@ Result<void> read_blocks(const VtiDocument& d, const Compressor& compressor, con
     const std::uint64_t size = i + 1 == blocks && last ? last : block;
     if (packed[i] > std::min(kMaxBlockBytes, file_bytes) ||
         size > (packed[i] + 1) * compressor.max_expansion)
-      return fail(ErrorCode::bad_file, path, ": packed block ", i, " of ", packed[i],
-                  " bytes cannot hold ", size);
+      return bad_file(path, "packed block ", i, " of ", packed[i], " bytes cannot hold ", size);
     in.resize(packed[i]);
     const auto got = SLF_TRY(source(in));
     out.resize(size);
     if (got != in.size() || !compressor.unpack(in, out))
-      return fail(ErrorCode::bad_file, path, ": packed block ", i, " of ", blocks,
-                  " is damaged or cut off");
+      return bad_file(path, "packed block ", i, " of ", blocks, " is damaged or cut off");
     to.insert(to.end(), out.begin(), out.end());
   }
   return {};
@@ -129,13 +125,13 @@ Result<std::vector<std::byte>> read_packed(const VtiDocument& d, const VtiArray&
   } else {
     const auto count = SLF_TRY(read_count(d, source, path));
     if (count != needed)
-      return fail(ErrorCode::bad_file, path, ": the array ", in_quotes(array.name), " holds ",
-                  count, " bytes, expected ", needed);
+      return bad_file(path, "the array ", in_quotes(array.name), " holds ", count,
+                      " bytes, expected ", needed);
     bytes.resize(needed);
     const auto got = SLF_TRY(source(bytes));
     if (got != needed)
-      return fail(ErrorCode::bad_file, path, ": expected ", needed, " bytes of voxels, found ", got,
-                  ": the file is truncated");
+      return bad_file(path, "expected ", needed, " bytes of voxels, found ", got,
+                      ": the file is truncated");
   }
   if (d.big_endian != (std::endian::native == std::endian::big))
     swap_bytes(bytes, bytes_per_voxel(type));
@@ -147,13 +143,13 @@ Result<std::vector<std::byte>> read_ascii(const VtiDocument& d, const VtiArray& 
   std::vector<std::byte> bytes;
   for (const auto word : words(array.text)) {
     if (!append_number(word, type, bytes))
-      return fail(ErrorCode::bad_file, d.path, ": the array ", in_quotes(array.name), " holds ",
-                  in_quotes(word), ", expected numbers of type ", name(type));
+      return bad_file(d.path, "the array ", in_quotes(array.name), " holds ", in_quotes(word),
+                      ", expected numbers of type ", name(type));
     if (bytes.size() > needed) break;
   }
   if (bytes.size() != needed)
-    return fail(ErrorCode::bad_file, d.path, ": the array ", in_quotes(array.name),
-                " holds another count of numbers than its extent");
+    return bad_file(d.path, "the array ", in_quotes(array.name),
+                    " holds another count of numbers than its extent");
   return bytes;
 }
 
@@ -164,7 +160,7 @@ Result<std::uint64_t> find_appended(const std::string& path, std::uint64_t from)
   const auto got = SLF_TRY(reader.read(bytes));
   for (std::size_t i = 0; i < got; ++i)
     if (static_cast<char>(bytes[i]) == '_') return from + i + 1;
-  return fail(ErrorCode::bad_file, path, ": its appended data do not begin with '_'");
+  return bad_file(path, "its appended data do not begin with '_'");
 }
 
 }  // namespace
@@ -177,19 +173,19 @@ Result<std::vector<std::byte>> read_vti_data(const VtiDocument& d, const VtiArra
   for (const auto& known : kCompressors)
     if (d.compressor == known.name) compressor = &known;
   if (!compressor && !d.compressor.empty())
-    return fail(ErrorCode::unsupported, path, ": packed by ", in_quotes(d.compressor),
-                ", expected ZLib, LZ4 or LZMA: save it with one of these, or without compression");
+    return unsupported(
+        path, "packed by ", in_quotes(d.compressor),
+        ", expected ZLib, LZ4 or LZMA: save it with one of these, or without compression");
   const auto size = SLF_TRY(file_size(path));
   if (needed / (compressor ? compressor->max_expansion : 1) > size)
-    return fail(ErrorCode::bad_file, path, ": its extent needs ", needed,
-                " bytes of voxels, but the file holds ", size, compressor ? " packed" : "",
-                ": it is truncated, or its extent is wrong");
+    return bad_file(path, "its extent needs ", needed, " bytes of voxels, but the file holds ",
+                    size, compressor ? " packed" : "", ": it is truncated, or its extent is wrong");
   if (array.format == "binary")
     return read_packed(d, array, compressor, from_base64(array.text), type, needed);
   const auto begin = SLF_TRY(find_appended(path, d.appended));
   if (array.offset > size - begin)
-    return fail(ErrorCode::bad_file, path, ": the array ", in_quotes(array.name), " begins ",
-                array.offset, " bytes into the appended data, beyond the end of the file");
+    return bad_file(path, "the array ", in_quotes(array.name), " begins ", array.offset,
+                    " bytes into the appended data, beyond the end of the file");
   auto reader = SLF_TRY(ByteReader::open(path, begin + array.offset, false));
   if (d.appended_raw)
     return read_packed(

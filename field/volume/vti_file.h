@@ -13,7 +13,6 @@
 
 namespace slf::volume_io {
 
-/// An array of data.
 struct VtiArray {
   bool found = false;
   bool of_cells = false;  ///< values belong to cells, else to points

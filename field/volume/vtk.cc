@@ -35,11 +35,11 @@ struct Document {
 
 /// The types of an array, by the names that only this format has.
 std::optional<ScalarType> scalar_type(std::string text) {
-  text = lower(text);
+  text = lower_case(text);
   if (text == "long" || text == "vtktypeint64") return ScalarType::i64;
   if (text == "unsigned_long" || text == "vtktypeuint64") return ScalarType::u64;
   if (text == "vtkidtype") return ScalarType::i32;
-  std::replace(text.begin(), text.end(), '_', ' ');
+  std::ranges::replace(text, '_', ' ');
   const auto type = parse_scalar_type(text);
   return type ? std::optional(*type) : std::nullopt;
 }
@@ -89,16 +89,16 @@ class VtkParser {
   Result<Document> parse() {
     file_.line();
     file_.line();  // the title
-    const std::string encoding = lower(trim(file_.line()));
+    const std::string encoding = lower_case(trim(file_.line()));
     if (encoding != "ascii" && encoding != "binary")
-      return fail(ErrorCode::bad_file, path_, ": its third line is ", in_quotes(encoding),
-                  ", expected ASCII or BINARY");
+      return bad_file(path_, "its third line is ", in_quotes(encoding),
+                      ", expected ASCII or BINARY");
     d_.ascii = encoding == "ascii";
     while (!file_.at_end()) {
       const std::string text = file_.line();
       const auto parts = words(text);
       if (parts.empty()) continue;
-      SLF_TRY(statement(lower(parts[0]), parts));
+      SLF_TRY(statement(lower_case(parts[0]), parts));
     }
     return std::move(d_);
   }
@@ -107,7 +107,7 @@ class VtkParser {
   using Words = std::vector<std::string_view>;
 
   tl::unexpected<Error> expected(std::string_view what, std::string_view found) const {
-    return fail(ErrorCode::bad_file, path_, ": expected ", what, ", found ", in_quotes(found));
+    return bad_file(path_, "expected ", what, ", found ", in_quotes(found));
   }
 
   Result<void> statement(const std::string& keyword, const Words& parts) {
@@ -115,9 +115,9 @@ class VtkParser {
       return i < parts.size() ? std::string(parts[i]) : std::string();
     };
     if (keyword == "dataset") {
-      if (lower(argument(1)) == "structured_points") return {};
-      return fail(ErrorCode::unsupported, path_, ": a VTK file of ", in_quotes(argument(1)),
-                  ", expected STRUCTURED_POINTS: resample it to an image");
+      if (lower_case(argument(1)) == "structured_points") return {};
+      return unsupported(path_, "a VTK file of ", in_quotes(argument(1)),
+                         ", expected STRUCTURED_POINTS: resample it to an image");
     }
     if (keyword == "dimensions") {
       for (std::size_t i = 1; i <= 3; ++i) {
@@ -154,7 +154,7 @@ class VtkParser {
     if (keyword == "scalars") {
       const std::string components = parts.size() > 3 ? argument(3) : "1";
       const auto at = file_.tell();
-      if (!lower(trim(file_.line())).starts_with("lookup_table")) file_.seek(at);
+      if (!lower_case(trim(file_.line())).starts_with("lookup_table")) file_.seek(at);
       return array(argument(1), argument(2), components);
     }
     if (keyword == "vectors" || keyword == "normals") return array(argument(1), argument(2), "3");
@@ -186,7 +186,7 @@ class VtkParser {
       std::string text;
       while (!file_.at_end() && trim(text = file_.line()).empty()) continue;
       const auto parts = words(text);
-      if (!parts.empty() && lower(parts[0]) == "metadata") {
+      if (!parts.empty() && lower_case(parts[0]) == "metadata") {
         while (!file_.at_end() && !trim(file_.line()).empty()) continue;
         --i;
         continue;
@@ -209,8 +209,8 @@ class VtkParser {
                      const std::string& components, bool fractions = false) {
     const auto known = scalar_type(type);
     if (!known)
-      return fail(ErrorCode::unsupported, path_, ": the array ", in_quotes(array_name),
-                  " has type ", in_quotes(type), ", expected char to double: save it as numbers");
+      return unsupported(path_, "the array ", in_quotes(array_name), " has type ", in_quotes(type),
+                         ", expected char to double: save it as numbers");
     const auto count = parse_integer(components);
     if (!count || *count < 1 || *count > 4096)
       return expected("1 to 4096 components of the array " + in_quotes(array_name), components);
@@ -224,12 +224,11 @@ class VtkParser {
     return skip(d_.arrays.back());
   }
 
-  /// Skips the numbers of an array.
   Result<void> skip(const Array& skipped) {
     const auto cut = [&] {
-      return fail(ErrorCode::bad_file, path_, ": ", skipped.tuples, " times ", skipped.components,
-                  " numbers of the array ", in_quotes(skipped.name),
-                  " do not fit the file: it is truncated, or its header is wrong");
+      return bad_file(path_, skipped.tuples, " times ", skipped.components,
+                      " numbers of the array ", in_quotes(skipped.name),
+                      " do not fit the file: it is truncated, or its header is wrong");
     };
     std::uint64_t numbers = 0, bytes = 0;
     if (__builtin_mul_overflow(skipped.tuples, skipped.components, &numbers) ||
@@ -259,18 +258,16 @@ class VtkParser {
 Result<void> set_position(const Document& d, bool of_cells, const VolumeOptions& options,
                           Volume& volume) {
   if (d.dims.size() != 3)
-    return fail(ErrorCode::bad_file, volume.source, ": ", d.dims.empty() ? "no" : "several",
-                " DIMENSIONS, expected three extents");
+    return bad_file(volume.source, d.dims.empty() ? "no" : "several",
+                    " DIMENSIONS, expected three extents");
   std::vector<std::uint64_t> sizes = d.dims;
   if (of_cells)
     for (auto& size : sizes) --size;
   volume.dims = SLF_TRY(check_dims(volume.source, sizes));
   for (int i = 0; i < 3; ++i) {
-    const double spacing = spacing_or(options, static_cast<std::size_t>(i), d.spacing[i]);
-    if (!(spacing > 0))
-      return fail(ErrorCode::bad_file, volume.source, ": SPACING along ", "xyz"[i], " is ", spacing,
-                  ", expected a positive number");
-    volume.axes[i][i] = spacing;
+    volume.axes[i][i] =
+        SLF_TRY(spacing_or(options, static_cast<std::size_t>(i), d.spacing[i], volume.source,
+                           std::string("SPACING along ") + "xyz"[i]));
   }
   volume.origin = d.origin + volume.axes * glm::dvec3(of_cells ? 0.5 : 0.0);
   return place(options, volume);
@@ -293,10 +290,10 @@ Result<void> read_text(const Array& array, std::uint32_t component, Volume& volu
         ok = append_number(word, array.type, volume.voxels);
       }
       if (!ok)
-        return fail(ErrorCode::bad_file, volume.source, ": the array ", in_quotes(array.name),
-                    " holds ", in_quotes(word), ", expected numbers ",
-                    array.fractions ? "from 0 to 1" : "of type ",
-                    array.fractions ? "" : name(array.type));
+        return bad_file(volume.source, "the array ", in_quotes(array.name), " holds ",
+                        in_quotes(word), ", expected numbers ",
+                        array.fractions ? "from 0 to 1" : "of type ",
+                        array.fractions ? "" : name(array.type));
     }
   return {};
 }
@@ -304,23 +301,20 @@ Result<void> read_text(const Array& array, std::uint32_t component, Volume& volu
 }  // namespace
 
 bool looks_like_vtk(std::string_view head) {
-  return lower(head.substr(0, 32)).starts_with("# vtk datafile version");
+  return lower_case(head.substr(0, 32)).starts_with("# vtk datafile version");
 }
 
 Result<Volume> read_vtk(const std::string& path, std::string_view, const VolumeOptions& options) {
   const auto size = SLF_TRY(file_size(path));
   const auto document = SLF_TRY(VtkParser(path, size).parse());
-  if (document.arrays.empty())
-    return fail(ErrorCode::bad_file, path, ": it holds no array of points or cells");
+  if (document.arrays.empty()) return bad_file(path, "it holds no array of points or cells");
   std::string names;
   const Array* chosen = nullptr;
   for (const Array& array : document.arrays) {
     names += (names.empty() ? "" : ", ") + in_quotes(array.name);
     if (!chosen && (!options.array || *options.array == array.name)) chosen = &array;
   }
-  if (!chosen)
-    return fail(ErrorCode::usage, path, ": no array ", in_quotes(*options.array), "; there are ",
-                names);
+  if (!chosen) return misuse(path, "no array ", in_quotes(*options.array), "; there are ", names);
   const Array& array = *chosen;
   Volume volume;
   volume.source = path;
@@ -330,9 +324,9 @@ Result<Volume> read_vtk(const std::string& path, std::string_view, const VolumeO
                            names + "), " + in_quotes(array.name) + " is read");
   SLF_TRY(set_position(document, array.of_cells, options, volume));
   if (volume.voxel_count() != array.tuples)
-    return fail(ErrorCode::bad_file, path, ": the array ", in_quotes(array.name), " has ",
-                array.tuples, " tuples, but the dimensions are ", volume.dims[0], "x",
-                volume.dims[1], "x", volume.dims[2]);
+    return bad_file(path, "the array ", in_quotes(array.name), " has ", array.tuples,
+                    " tuples, but the dimensions are ", volume.dims[0], "x", volume.dims[1], "x",
+                    volume.dims[2]);
   SLF_TRY(choose(path, options.time, 1, "time point"));
   const auto component = SLF_TRY(choose(path, options.component, array.components, "component"));
   const VoxelData data{.path = path,

@@ -1,33 +1,31 @@
-// Reads XML as elements and text, with expat. Entities are refused, so that text cannot expand.
+// XML through pugixml. Documents that declare entities are refused, so that text cannot expand.
 #pragma once
 
-#include <cstdint>
-#include <functional>
-#include <map>
+#include <memory>
+#include <pugixml.hpp>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "slf/error.h"
 
 namespace slf::volume_io {
 
-using XmlAttributes = std::map<std::string, std::string, std::less<>>;
+using XmlDocument = std::unique_ptr<pugi::xml_document>;
 
-struct XmlHandler {
-  /// `name` without its prefix. False ends the reading, without an error.
-  std::function<bool(std::string_view name, const XmlAttributes& attributes)> start;
-  std::function<void(std::string_view name)> end = [](std::string_view) {};
-  std::function<void(std::string_view)> text = [](std::string_view) {};
-};
+/// `source`: the name of the text for messages. bad_file: not well formed, or entities; the message
+/// has the line.
+[[nodiscard]] Result<XmlDocument> parse_xml(std::string_view text, const std::string& source);
 
-/// The largest depth of nested elements.
-inline constexpr int kMaxXmlDepth = 64;
+/// All elements in a node, each before those in it.
+[[nodiscard]] std::vector<pugi::xml_node> elements_of(pugi::xml_node node);
 
-/// Parses a file. Returns the offset after the tag at which `start` ended the reading, or the size
-/// of the file. bad_file: not well formed, entities, or too deep; the message has the line.
-[[nodiscard]] Result<std::uint64_t> read_xml(const std::string& path, const XmlHandler& handler);
-/// Parses text in the same way. `source` is its name for messages.
-[[nodiscard]] Result<std::uint64_t> parse_xml(std::string_view text, const std::string& source,
-                                              const XmlHandler& handler);
+/// The name of an element, without its prefix.
+[[nodiscard]] std::string_view name_of(const pugi::xml_node& element);
+
+/// An attribute's value; empty if there is none.
+[[nodiscard]] inline std::string attribute(const pugi::xml_node& element, const char* name) {
+  return element.attribute(name).value();
+}
 
 }  // namespace slf::volume_io

@@ -21,8 +21,7 @@ constexpr std::uint64_t kMaxDirectory = std::uint64_t{1} << 24;
 constexpr std::size_t kEndBytes = 22, kMaxComment = 0xffff, kLocatorBytes = 20;
 
 tl::unexpected<Error> damaged(const std::string& path, std::string_view what) {
-  return fail(ErrorCode::bad_file, path, ": a ZIP file whose ", what,
-              ": it is truncated or damaged, copy it again");
+  return bad_file(path, "a ZIP file whose ", what, ": it is truncated or damaged, copy it again");
 }
 
 Result<std::string> read_at(const std::string& path, std::uint64_t offset, std::size_t size) {
@@ -103,9 +102,9 @@ Result<std::vector<ZipMember>> read_zip_members(const std::string& path) {
     ZipMember member{.name = std::string(entry.bytes.substr(kEntry, name_bytes))};
     const auto method = entry.get<std::uint16_t>(10);
     if ((entry.get<std::uint16_t>(8) & 1) != 0 || (method != 0 && method != 8))
-      return fail(ErrorCode::unsupported, path, ": its member ", in_quotes(member.name),
-                  " is encrypted, or packed by another method than deflate: unpack it, and give "
-                  "the file in it");
+      return unsupported(path, "its member ", in_quotes(member.name),
+                         " is encrypted, or packed by another method than deflate: unpack it, and "
+                         "give the file in it");
     member.packed = method == 8;
     const std::uint64_t local = local_offset(entry, kEntry + name_bytes, extra_bytes);
     const auto header = SLF_TRY(local < size ? read_at(path, local, kLocal) : std::string());
@@ -114,8 +113,8 @@ Result<std::vector<ZipMember>> read_zip_members(const std::string& path) {
     const Fields fields{header, false};
     member.offset = local + kLocal + fields.get<std::uint16_t>(26) + fields.get<std::uint16_t>(28);
     if (members.size() == kMaxMembers)
-      return fail(ErrorCode::unsupported, path, ": more than ", kMaxMembers,
-                  " members: unpack it, and give the file in it");
+      return unsupported(path, "more than ", kMaxMembers,
+                         " members: unpack it, and give the file in it");
     members.push_back(std::move(member));
     at += bytes;
   }

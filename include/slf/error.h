@@ -76,7 +76,21 @@ template <class... Parts>
   return tl::unexpected<Error>(Error{code, std::move(text).str()});
 }
 
-/// The same for what the caller can settle by this member of the options.
+/// "OF: PARTS", where `of` is what the error is about, such as a path.
+template <class Of, class... Parts>
+[[nodiscard]] tl::unexpected<Error> bad_file(const Of& of, const Parts&... parts) {
+  return fail(ErrorCode::bad_file, of, ": ", parts...);
+}
+template <class Of, class... Parts>
+[[nodiscard]] tl::unexpected<Error> unsupported(const Of& of, const Parts&... parts) {
+  return fail(ErrorCode::unsupported, of, ": ", parts...);
+}
+template <class Of, class... Parts>
+[[nodiscard]] tl::unexpected<Error> misuse(const Of& of, const Parts&... parts) {
+  return fail(ErrorCode::usage, of, ": ", parts...);
+}
+
+/// fail() for what the caller can settle by this member of the options.
 template <class... Parts>
 [[nodiscard]] tl::unexpected<Error> fail_without(const char* choice, ErrorCode code,
                                                  const Parts&... parts) {

@@ -31,11 +31,13 @@ struct ToneMapping {
 };
 
 /// The sRGB transfer curve and its inverse (IEC 61966-2-1), for values from 0 to 1.
-[[nodiscard]] inline float srgb_from_linear(float v) {
-  return v <= 0.0031308f ? 12.92f * v : 1.055f * std::pow(v, 1 / 2.4f) - 0.055f;
+template <class T>
+[[nodiscard]] T srgb_from_linear(T v) {
+  return v <= T(0.0031308) ? T(12.92) * v : T(1.055) * std::pow(v, 1 / T(2.4)) - T(0.055);
 }
-[[nodiscard]] inline float linear_from_srgb(float v) {
-  return v <= 0.04045f ? v / 12.92f : std::pow((v + 0.055f) / 1.055f, 2.4f);
+template <class T>
+[[nodiscard]] T linear_from_srgb(T v) {
+  return v <= T(0.04045) ? v / T(12.92) : std::pow((v + T(0.055)) / T(1.055), T(2.4));
 }
 
 /// Applies a ToneMapping. Thread-safety: immutable.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
-from typing import Any, Callable, List, Mapping, Optional, Sequence, Tuple, Unpack
+from typing import Any, Callable, Mapping, Sequence, Unpack
 
 import numpy as np
 
@@ -20,9 +20,9 @@ from ._types import Picture, Sphere, finite, orbit, point
 def build(source: Any, out: Path, *, entry: int = 8, exit: int = 32, finest_level: int = 2,
           entry_extra_levels: int = 0, codec: str = "predictive:90",
           depth: bool = True, color_type: str = "u8",
-          center: Optional[Sequence[float]] = None, radius: Optional[float] = None,
-          states: Sequence[Mapping[str, Any]] = (), shard: Tuple[int, int] = (1, 1),
-          only_levels: Tuple[Optional[int], Optional[int]] = (None, None), coarser: Path = "",
+          center: Sequence[float] | None = None, radius: float | None = None,
+          states: Sequence[Mapping[str, Any]] = (), shard: tuple[int, int] = (1, 1),
+          only_levels: tuple[int | None, int | None] = (None, None), coarser: Path = "",
           threads: int = 0, commit_every: float = 5,
           force: bool = False, progress: Progress = None, **settings: Unpack[Settings]) -> Field:
     """Builds a field, or resumes its build, and opens it.
@@ -68,7 +68,7 @@ def build(source: Any, out: Path, *, entry: int = 8, exit: int = 32, finest_leve
     finite("commit_every", commit_every)
     whole = None if center is None or radius is None else Sphere(point(center), float(radius))
     with contextlib.ExitStack() as stack:
-        scenes: List[Tuple[str, _slf.Scene]] = []
+        scenes: list[tuple[str, _slf.Scene]] = []
         for state in states or ({"name": ""},):
             changed = {key: value for key, value in state.items() if key != "name"}
             own: Any = {"source": source, **settings, **changed}
@@ -89,8 +89,7 @@ def build(source: Any, out: Path, *, entry: int = 8, exit: int = 32, finest_leve
 
 
 def build_rays(fn: Callable[..., Any], sphere: Any, out: Path, *, batch: int = 65536,
-               processes: int = 0, provenance: Mapping[str, Any] = {},
-               **settings: Any) -> Field:
+               processes: int = 0, provenance: Mapping[str, Any] = {}, **settings: Any) -> Field:
     """Builds a field from a function of rays: fn(origins, targets) -> rgba or (rgba, depth).
 
     fn: vectorised, as Scene.trace().  sphere: (center, radius) around everything visible.
@@ -103,9 +102,8 @@ def build_rays(fn: Callable[..., Any], sphere: Any, out: Path, *, batch: int = 6
 
 
 def raycast(source: Any, camera: AnyCamera = orbit(), size: Size = (512, 512), *,
-            depth: bool = False, dtype: Any = np.float32,
-            background: Optional[Sequence[float]] = None, threads: int = 0,
-            progress: Progress = None, **settings: Unpack[Settings]) -> Any:
+            depth: bool = False, dtype: Any = np.float32, background: Sequence[float] | None = None,
+            threads: int = 0, progress: Progress = None, **settings: Unpack[Settings]) -> Any:
     """A picture of the source itself, without a field: one ray per pixel.
 
     source and settings are those of build(), results those of Field.render(). progress counts

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Optional
-
 
 class Error(Exception):
     """Why a call of slf failed.
@@ -16,7 +14,7 @@ class Error(Exception):
 
     code: int = 4
 
-    def __init__(self, message: str, path: Optional[str] = None) -> None:
+    def __init__(self, message: str, path: str | None = None) -> None:
         super().__init__(message)
         self.message = message
         self.path = path
@@ -77,6 +75,6 @@ _CLASSES = {"usage": UsageError, "io": IoError, "not_found": NotFoundError,
             "unsupported": UnsupportedError}
 
 
-def error_of(code: str, message: str, path: Optional[str]) -> Error:
+def error_of(code: str, message: str, path: str | None) -> Error:
     """The exception for an error of the library."""
     return _CLASSES.get(code, FailedError)(message, path)

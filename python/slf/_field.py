@@ -9,8 +9,7 @@ import os
 import warnings
 import weakref
 from types import TracebackType
-from typing import (Any, Callable, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple, Type,
-                    Union, Unpack, overload)
+from typing import Any, Iterator, Mapping, Sequence, Union, Unpack, overload
 
 import numpy as np
 
@@ -23,13 +22,13 @@ from ._types import (BuildReport, Camera, Content, Difference, Evaluation, Frame
                      MergeReport, Orbit, PickedPoint, Picture, RepackReport, Shape, Sphere, Tile,
                      Tone, VerifyReport, finite, orbit)
 
-Path = Union[str, "os.PathLike[str]"]
-AnyCamera = Union[Orbit, Camera]
-Size = Tuple[int, int]
-LevelName = Union[int, str]
-State = Union[int, str]
+Path = str | os.PathLike[str]
+AnyCamera = Orbit | Camera
+Size = tuple[int, int]
+LevelName = int | str
+State = int | str
 """The number of a state, from 0, or its name."""
-Structures = Mapping[Union["Field", Path], Union[float, Look]]
+Structures = Mapping[Union["Field", Path], float | Look]
 
 _DEFAULT_MEMORY = 256 << 20
 _THUMBNAIL_MEMORY = 16 << 20
@@ -39,7 +38,7 @@ def path_text(path: Path) -> str:
     return os.fspath(path)
 
 
-def camera_tuple(sphere: Sphere, camera: AnyCamera, size: Size) -> Tuple[Any, ...]:
+def camera_tuple(sphere: Sphere, camera: AnyCamera, size: Size) -> tuple[Any, ...]:
     """A camera as the extension module takes it."""
     width, height = (int(side) for side in size)
     if width < 1 or height < 1 or width * height > 1 << 28:
@@ -53,7 +52,7 @@ def camera_tuple(sphere: Sphere, camera: AnyCamera, size: Size) -> Tuple[Any, ..
 
 
 def finished_picture(rgba: np.ndarray, dtype: Any,
-                     background: Optional[Sequence[float]]) -> np.ndarray:
+                     background: Sequence[float] | None) -> np.ndarray:
     """Composites over a background and converts to the type that was asked for."""
     if background is not None:
         finite("background", background)
@@ -79,18 +78,18 @@ class Field:
 
     def __init__(self, path: Path, *, memory: int = _DEFAULT_MEMORY, threads: int = 0,
                  state: State = 0, progress: Progress = None) -> None:
-        self._open: Optional[_slf.Field] = None
+        self._open: _slf.Field | None = None
         self._opened_with = (path, memory, threads, state)
-        self._structures: Optional[Structures] = None
-        self._composed: Optional[Tuple[Any, Field]] = None
-        self._others: Dict[State, Field] = {}
-        self._server: Optional[_slf.Server] = None
+        self._structures: Structures | None = None
+        self._composed: tuple[Any, Field] | None = None
+        self._others: dict[State, Field] = {}
+        self._server: _slf.Server | None = None
         with reporter(progress, "fetch") as report:
             self._open = _slf.Field(path_text(path), memory, threads, report)
         if state != 0:
             self._open = self._open.in_state(state)
         self._shape: Shape = self._open.shape
-        self.build_report: Optional[BuildReport] = None
+        self.build_report: BuildReport | None = None
         """What slf.build() did, if it opened this field."""
 
     # -- lifetime ---------------------------------------------------------------------------------
@@ -117,8 +116,8 @@ class Field:
         self._field
         return self
 
-    def __exit__(self, kind: Optional[Type[BaseException]], value: Optional[BaseException],
-                 trace: Optional[TracebackType]) -> None:
+    def __exit__(self, kind: type[BaseException] | None, value: BaseException | None,
+                 trace: TracebackType | None) -> None:
         self.close()
 
     def __reduce__(self) -> Any:
@@ -182,7 +181,7 @@ class Field:
         return self._field.file_bytes
 
     @property
-    def states(self) -> Tuple[str, ...]:
+    def states(self) -> tuple[str, ...]:
         """The names of the states, variants of the object that the file holds; () if there is just
         one."""
         return self._field.states
@@ -200,7 +199,7 @@ class Field:
             other._opened_with = (*self._opened_with[:3], state)
         return self._others[state]
 
-    def _variant(self, opened: _slf.Field, structures: Optional[Structures]) -> Field:
+    def _variant(self, opened: _slf.Field, structures: Structures | None) -> Field:
         """A field that shows something else of the same file."""
         other = object.__new__(Field)
         other.__dict__.update(self.__dict__, _open=opened, _structures=structures, _composed=None,
@@ -217,7 +216,7 @@ class Field:
         """The camera that an orbit stands for, for a picture of this size."""
         return Camera(*camera_tuple(self.sphere, camera, size)[:4])
 
-    def _level(self, level: LevelName) -> Optional[int]:
+    def _level(self, level: LevelName) -> int | None:
         if level == "matching":
             return None
         if level == "finest":
@@ -227,23 +226,23 @@ class Field:
         return int(level)
 
     @overload
-    def render(self, camera: AnyCamera = ..., size: Size = ..., mode: Optional[str] = ...,
+    def render(self, camera: AnyCamera = ..., size: Size = ..., mode: str | None = ...,
                level: LevelName = ..., *, dtype: Any = ...,
-               background: Optional[Sequence[float]] = ..., tone: Optional[Tone] = ...,
-               state: Optional[State] = ...,
-               structures: Optional[Structures] = ...) -> np.ndarray: ...
+               background: Sequence[float] | None = ..., tone: Tone | None = ...,
+               state: State | None = ...,
+               structures: Structures | None = ...) -> np.ndarray: ...
 
     @overload
-    def render(self, camera: AnyCamera = ..., size: Size = ..., mode: Optional[str] = ...,
+    def render(self, camera: AnyCamera = ..., size: Size = ..., mode: str | None = ...,
                level: LevelName = ..., *, depth: bool, dtype: Any = ...,
-               background: Optional[Sequence[float]] = ..., tone: Optional[Tone] = ...,
-               state: Optional[State] = ..., structures: Optional[Structures] = ...) -> Any: ...
+               background: Sequence[float] | None = ..., tone: Tone | None = ...,
+               state: State | None = ..., structures: Structures | None = ...) -> Any: ...
 
     def render(self, camera: AnyCamera = orbit(), size: Size = (512, 512),
-               mode: Optional[str] = None, level: LevelName = "finest", *, depth: bool = False,
-               dtype: Any = np.float32, background: Optional[Sequence[float]] = None,
-               tone: Optional[Tone] = None, state: Optional[State] = None,
-               structures: Optional[Structures] = None) -> Any:
+               mode: str | None = None, level: LevelName = "finest", *, depth: bool = False,
+               dtype: Any = np.float32, background: Sequence[float] | None = None,
+               tone: Tone | None = None, state: State | None = None,
+               structures: Structures | None = None) -> Any:
         """Draws a view: an array [height, width, 4] of RGBA, premultiplied by alpha.
 
         camera: slf.orbit() or slf.Camera.
@@ -270,7 +269,7 @@ class Field:
         display = check_dtype(dtype) == np.uint8 or background is not None
         shown = self if state is None else self.in_state(state)
         colors, distance = shown._field.render(camera_tuple(self.sphere, camera, size), mode,
-                                              self._level(level), depth, tone, display)
+                                              self._level(level), depth, tone, display, None)
         picture = finished_picture(colors, dtype, background)
         return Picture(picture, distance) if depth else picture
 
@@ -294,7 +293,7 @@ class Field:
         return self._variant(self._field.compose(layers), dict(structures))
 
     def pick(self, x: float, y: float, camera: AnyCamera = orbit(),
-             size: Size = (512, 512)) -> Optional[PickedPoint]:
+             size: Size = (512, 512)) -> PickedPoint | None:
         """The point of the surface that a picture shows at a place; None if it is less than half
         opaque there.
 
@@ -306,7 +305,7 @@ class Field:
         return self._field.pick(camera_tuple(self.sphere, camera, size), x, y)
 
     def thumbnail(self, size: int = 256,
-                  background: Optional[Sequence[float]] = (0, 0, 0)) -> np.ndarray:
+                  background: Sequence[float] | None = (0, 0, 0)) -> np.ndarray:
         """A small picture: uint8 [size, size, 4], over black. Reads coarse tiles only, and keeps none.
         """
         colors, _ = self._field.render(camera_tuple(self.sphere, orbit(), (size, size)), None,
@@ -314,8 +313,8 @@ class Field:
                                        _THUMBNAIL_MEMORY)
         return finished_picture(colors, np.uint8, background)
 
-    def player(self, mode: Optional[str] = None, level: LevelName = "finest",
-               loading: str = "ahead", horizon: int = 8) -> Player:
+    def player(self, mode: str | None = None, level: LevelName = "finest", loading: str = "ahead",
+               horizon: int = 8) -> Player:
         """A player for the frames of a moving camera. It keeps the file open itself.
 
         loading: "ahead" loads tiles of predicted frames, "demand" those that frames lacked, both
@@ -328,7 +327,7 @@ class Field:
 
     # -- tiles ------------------------------------------------------------------------------------
 
-    def tiles(self, level: Optional[int] = None, missing: bool = False) -> List[Tile]:
+    def tiles(self, level: int | None = None, missing: bool = False) -> list[Tile]:
         """Lists tiles in key order. Reads tables, no payload.
 
         level: of one level; default: of all.  missing: also list tiles that are missing.
@@ -348,15 +347,15 @@ class Field:
 
     # -- measures ---------------------------------------------------------------------------------
 
-    def _cameras(self, cameras: Union[int, Sequence[AnyCamera]], size: Size,
-                 distance: float) -> List[Tuple[Any, ...]]:
+    def _cameras(self, cameras: int | Sequence[AnyCamera], size: Size,
+                 distance: float) -> list[tuple[Any, ...]]:
         finite("distance", distance)
         if isinstance(cameras, int):
             return _slf.random_cameras(self.sphere, distance, cameras, 1, *size)
         return [camera_tuple(self.sphere, camera, size) for camera in cameras]
 
-    def measure(self, cameras: Union[int, Sequence[AnyCamera]] = 8, size: Size = (512, 512),
-                mode: Optional[str] = None, levels: Sequence[int] = (), *, distance: float = 3,
+    def measure(self, cameras: int | Sequence[AnyCamera] = 8, size: Size = (512, 512),
+                mode: str | None = None, levels: Sequence[int] = (), *, distance: float = 3,
                 progress: Progress = None) -> Measurement:
         """Measures the memory that views need.
 
@@ -368,10 +367,10 @@ class Field:
             return self._field.measure(self._cameras(cameras, size, distance), mode, list(levels),
                                        report)
 
-    def evaluate(self, scene: Any, cameras: Union[int, Sequence[AnyCamera]] = 8,
-                 size: Size = (256, 256), mode: Optional[str] = None,
-                 level: LevelName = "finest", *, distance: float = 3, supersample: int = 1,
-                 progress: Progress = None, **settings: Unpack[SourceSettings]) -> Evaluation:
+    def evaluate(self, scene: Any, cameras: int | Sequence[AnyCamera] = 8, size: Size = (256, 256),
+                 mode: str | None = None, level: LevelName = "finest", *, distance: float = 3,
+                 supersample: int = 1, progress: Progress = None,
+                 **settings: Unpack[SourceSettings]) -> Evaluation:
         """Compares views with ray-cast ones of the field's scene: PSNR and SSIM, RGB over black.
 
         scene: what the field was built from.
@@ -390,7 +389,7 @@ class Field:
 
     # -- notebooks --------------------------------------------------------------------------------
 
-    def show(self, page: Optional[Path] = None, *, force: bool = False) -> View:
+    def show(self, page: Path | None = None, *, force: bool = False) -> View:
         """The page of `slf view`, turned by the mouse, in a notebook; its `url` for a browser.
 
         A server on this machine sends the page the parts of the file that views need. It runs
@@ -421,7 +420,7 @@ class Player:
     def __init__(self, field: Field, player: _slf.Player) -> None:
         self._sphere = field.sphere
         self._player = player
-        self.report: Optional[Frame] = None
+        self.report: Frame | None = None
         """How the last frame was drawn."""
         _with_threads.add(self)
 
@@ -436,8 +435,7 @@ class Player:
         self.close()
 
     def draw(self, camera: AnyCamera, size: Size = (512, 512), dtype: Any = np.float32,
-             background: Optional[Sequence[float]] = None,
-             tone: Optional[Tone] = None) -> np.ndarray:
+             background: Sequence[float] | None = None, tone: Tone | None = None) -> np.ndarray:
         """The next frame, as Field.render(). Draws coarser levels where tiles are not loaded."""
         display = check_dtype(dtype) == np.uint8 or background is not None
         colors, self.report = self._player.draw(camera_tuple(self._sphere, camera, size),
@@ -449,7 +447,7 @@ class Player:
         self._player.settle()
 
 
-_with_threads: "weakref.WeakSet[Union[Field, Player]]" = weakref.WeakSet()
+_with_threads: "weakref.WeakSet[Field | Player]" = weakref.WeakSet()
 
 
 @atexit.register
@@ -475,12 +473,12 @@ def open(path: Path, *, memory: int = _DEFAULT_MEMORY, threads: int = 0, state: 
 
 
 def _reopened(path: Path, memory: int, threads: int, state: State,
-              structures: Optional[Structures]) -> Field:
+              structures: Structures | None) -> Field:
     field = Field(path, memory=memory, threads=threads, state=state)
     return field if structures is None else field.compose(structures)
 
 
-def verify(field: Union[Field, Path], *, quick: bool = False, fix: bool = False, threads: int = 0,
+def verify(field: Field | Path, *, quick: bool = False, fix: bool = False, threads: int = 0,
            progress: Progress = None) -> VerifyReport:
     """Checks every page, record and tile. Damage is a finding in the report, not an exception.
 
@@ -495,7 +493,7 @@ def verify(field: Union[Field, Path], *, quick: bool = False, fix: bool = False,
 
 
 @contextlib.contextmanager
-def _opened(field: Union[Field, Path]) -> Iterator[Field]:
+def _opened(field: Field | Path) -> Iterator[Field]:
     """A field that is given as a path is open only as long as the call."""
     if isinstance(field, Field):
         yield field
@@ -504,9 +502,9 @@ def _opened(field: Union[Field, Path]) -> Iterator[Field]:
         yield mine
 
 
-def repack(field: Union[Field, Path], out: Path, *, codec: str = "", depth: bool = True,
-           finest_level: Optional[int] = None, subfields: Sequence[int] = (),
-           color_type: Optional[str] = None, light: bool = True, memory: int = _DEFAULT_MEMORY,
+def repack(field: Field | Path, out: Path, *, codec: str = "", depth: bool = True,
+           finest_level: int | None = None, subfields: Sequence[int] = (),
+           color_type: str | None = None, light: bool = True, memory: int = _DEFAULT_MEMORY,
            threads: int = 0, force: bool = False, progress: Progress = None) -> RepackReport:
     """Rewrites a field into another form. Empty arguments keep what the field has.
 
@@ -527,14 +525,14 @@ def merge(parts: Sequence[Path], out: Path, *, part: bool = False, memory: int =
                           force, report)
 
 
-def diff(a: Union[Field, Path], b: Union[Field, Path], *, threads: int = 0,
+def diff(a: Field | Path, b: Field | Path, *, threads: int = 0,
          progress: Progress = None) -> Difference:
     """Compares two fields tile by tile."""
     with _opened(a) as left, _opened(b) as right, reporter(progress, "diff") as report:
         return _slf.diff(left._field, right._field, threads, report)
 
 
-def export(field: Union[Field, Path], out: Path, *, force: bool = False,
+def export(field: Field | Path, out: Path, *, force: bool = False,
            progress: Progress = None) -> None:
     """Writes the page that shows a field together with it.
 

@@ -6,7 +6,7 @@ import base64
 import html
 import struct
 import zlib
-from typing import TYPE_CHECKING, Any, Dict
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -46,7 +46,7 @@ def _page(field: Field) -> str:
     return f"<details><summary>Turn it with the mouse</summary>{_frame(url)}</details>"
 
 
-def bundle(field: Field) -> Dict[str, Any]:
+def bundle(field: Field) -> dict[str, Any]:
     """The field as text, as a picture, and as a picture with its facts and its page."""
     picture = png(field.thumbnail()[..., :3])
     shape = field.shape

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import contextlib
-from typing import Any, Callable, Iterator, Optional, Union
+from typing import Any, Callable, Iterator
 
 ProgressFunction = Callable[[int, int, int], Any]
-Progress = Union[None, bool, ProgressFunction]
+Progress = None | bool | ProgressFunction
 """None or False: silent. True: a bar of tqdm, if it is installed. A function (done, total, skipped)
 is called about ten times a second and at the end; if it returns False, the call stops and raises
 slf.FailedError; if it raises, the call stops and raises that."""
 
 
 @contextlib.contextmanager
-def reporter(progress: Progress, title: str) -> Iterator[Optional[ProgressFunction]]:
+def reporter(progress: Progress, title: str) -> Iterator[ProgressFunction | None]:
     if progress is None or progress is False:
         yield None
         return

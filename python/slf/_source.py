@@ -9,8 +9,7 @@ import mmap
 import os
 import tempfile
 import warnings
-from typing import (Any, Callable, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple,
-                    TypedDict, Union, Unpack)
+from typing import Any, Iterator, Mapping, NamedTuple, Sequence, TypedDict, Unpack
 
 import numpy as np
 
@@ -19,68 +18,68 @@ from ._errors import UsageError
 from ._rays import Scene, ray_scene
 from ._types import Point, Sphere, Tone, finite, point
 
-_Path = Union[str, "os.PathLike[str]"]
+_Path = str | os.PathLike[str]
 
 
 class SourceSettings(TypedDict, total=False):
     """How to read a source, as keyword arguments of slf.build(), slf.raycast() and
     Field.evaluate(). None stands for the default."""
 
-    spacing: Optional[Sequence[float]]
+    spacing: Sequence[float] | None
     """Of voxels: dx, dy, dz."""
     affine: Any
     """4×4, from the indices (x, y, z) of a voxel to world coordinates (LPS); arrays only."""
-    origin: Optional[Sequence[float]]
+    origin: Sequence[float] | None
     """World position of the first voxel; arrays only."""
-    name: Optional[str]
+    name: str | None
     """What the manifest names as the source; default: the image's file, or "array"."""
     transfer: Any
     """A preset such as "ct-bone", a file, rows of (value, red, green, blue, opacity), or a function
     from values [n] to [n, 4] of these, each 0 to 1; opacity is per voxel. Default: fitted to the
     histogram."""
-    range: Optional[Sequence[float]]
+    range: Sequence[float] | None
     """(low, high), the values to stretch the transfer function to."""
     labels: Any
     """True if the values are ids; or an array, an image or a file of ids, the parts of the
     volume."""
-    label_table: Union[None, _Path, Mapping[int, Any]]
+    label_table: None | _Path | Mapping[int, Any]
     """A file, or {id: (name, (red, green, blue), opacity)}."""
     only_labels: Sequence[int]
     """Ids of the parts to show; what is hidden keeps its shadows. Default: all."""
     mask: Any
     """0 hides voxels, as does the mask of a numpy.ma array; masked ids are 0."""
-    environment: Optional[_Path]
+    environment: _Path | None
     """Picture of the surroundings, which light comes from."""
-    light_file: Optional[_Path]
+    light_file: _Path | None
     """Keeps the light, for builds that differ in the field's shape only."""
-    component: Optional[int]
-    time: Optional[int]
-    array: Optional[str]
-    series: Optional[str]
+    component: int | None
+    time: int | None
+    array: str | None
+    series: str | None
     resample: bool
     """Which part of a file to read, as `slf build` has them."""
-    up_axis: Optional[str]
+    up_axis: str | None
     """Of a mesh's file, "y" or "z"."""
-    depth_kind: Optional[str]
+    depth_kind: str | None
     """Of pictures: "z", "ray", "inverse" or "none"; default: found by comparing them."""
     depth_scale: float
     holdout: int
     voxels: int
     picture_memory: int
     background_model: str
-    depth_cache: Optional[_Path]
+    depth_cache: _Path | None
     """As `slf build` has them; depth_cache="none": no file."""
 
 
 class Settings(SourceSettings, total=False):
     """What is seen of a source, beside how to read it: of slf.build() and slf.raycast()."""
 
-    lighting: Optional[str]
+    lighting: str | None
     """"global", "shadowed" or "direct"; default: "global", unless shade, ambient or projection
     imply "direct"."""
-    light: Optional[Sequence[float]]
+    light: Sequence[float] | None
     """World direction towards the light."""
-    light_rig: Optional[_Path]
+    light_rig: _Path | None
     """Built-in rig or file: lights and sky of shadowed and global light."""
     environment_gain: float
     light_samples: int
@@ -89,15 +88,15 @@ class Settings(SourceSettings, total=False):
     light_memory: int
     light_seed: int
     """As `slf build` has them."""
-    tone: Optional[Tone]
+    tone: Tone | None
     shade: bool
     """False: colours as in the transfer function, unlit."""
-    ambient: Optional[float]
+    ambient: float | None
     """Share of the shading, 0 to 1, of direct light."""
     clip: Sequence[Sequence[float]]
     """Planes (x, y, z, nx, ny, nz): what lies on the side of x, y, z that the normal points to is
     removed."""
-    projection: Optional[str]
+    projection: str | None
     """"mip", "minip" or "mean"."""
     step: float
     """Longest sample, in voxels."""
@@ -219,7 +218,7 @@ def _type_for(dtype: np.dtype) -> np.dtype:
     raise TypeError(f"voxels of type {dtype}: expected integers or floating-point numbers")
 
 
-def _unmasked(array: Any, mask: Any) -> Tuple[Any, Any]:
+def _unmasked(array: Any, mask: Any) -> tuple[Any, Any]:
     """A masked array without its mask, and a mask that also hides what that hid. Hidden voxels get
     the least value, so that the default transfer function does not see those beneath."""
     hidden = np.ma.getmaskarray(array)
@@ -233,8 +232,8 @@ _MOST_IN_MEMORY = 256 << 20
 """Bytes of voxels; of arrays that are read in slabs."""
 
 
-def _space(shape: Tuple[int, ...], dtype: np.dtype, folder: Optional[str],
-           mapped: List[mmap.mmap]) -> np.ndarray:
+def _space(shape: tuple[int, ...], dtype: np.dtype, folder: str | None,
+           mapped: list[mmap.mmap]) -> np.ndarray:
     """Space for voxels. Large ones are in a file without a name, which the kernel can write back
     and drop from memory; its map is appended to `mapped`."""
     size = math.prod(shape) * dtype.itemsize
@@ -246,7 +245,7 @@ def _space(shape: Tuple[int, ...], dtype: np.dtype, folder: Optional[str],
     return np.frombuffer(mapped[-1], dtype).reshape(shape)
 
 
-def _in_order(array: Any, folder: Optional[str], mapped: List[mmap.mmap]) -> np.ndarray:
+def _in_order(array: Any, folder: str | None, mapped: list[mmap.mmap]) -> np.ndarray:
     """The voxels in C order, in a type of volumes. A contiguous array is not copied; an array that
     is read on demand, as those of zarr and dask are, is read in slabs along z."""
     chunks = getattr(array, "chunks", None)
@@ -270,10 +269,10 @@ def _in_order(array: Any, folder: Optional[str], mapped: List[mmap.mmap]) -> np.
     return out
 
 
-def _volume(source: Any, *, labels: bool, folder: Optional[str], mapped: List[mmap.mmap],
-            spacing: Optional[Sequence[float]] = None, affine: Any = None,
-            origin: Optional[Sequence[float]] = None, name: Optional[str] = None,
-            like: Optional[_Place] = None) -> Tuple[_slf.Volume, _Place]:
+def _volume(source: Any, *, labels: bool, folder: str | None, mapped: list[mmap.mmap],
+            spacing: Sequence[float] | None = None, affine: Any = None,
+            origin: Sequence[float] | None = None, name: str | None = None,
+            like: _Place | None = None) -> tuple[_slf.Volume, _Place]:
     """A volume from an array or an image, and its place. Maps of files that hold voxels are
     appended to `mapped`."""
     voxels = _voxels(source)
@@ -333,7 +332,7 @@ def _is_path(source: Any) -> bool:
     return isinstance(source, (str, bytes, os.PathLike))
 
 
-def _arrays(source: Any, settings: Any, folder: Optional[str], mapped: List[mmap.mmap]) -> None:
+def _arrays(source: Any, settings: Any, folder: str | None, mapped: list[mmap.mmap]) -> None:
     """Replaces what is no file by volumes in memory."""
     labels, mask = settings.pop("labels", None), settings.get("mask")
     is_labels = settings["labels"] = isinstance(labels, (bool, np.bool_)) and bool(labels)
@@ -362,8 +361,8 @@ def _arrays(source: Any, settings: Any, folder: Optional[str], mapped: List[mmap
 
 
 @contextlib.contextmanager
-def scene_of(source: Any, *, linear: bool = False, folder: Optional[str] = None, threads: int = 0,
-             sphere: Optional[Sphere] = None, truth_of: Optional[str] = None,
+def scene_of(source: Any, *, linear: bool = False, folder: str | None = None, threads: int = 0,
+             sphere: Sphere | None = None, truth_of: str | None = None,
              **given: Unpack[Settings]) -> Iterator[_slf.Scene]:
     """The scene of a source. folder: for temporary files.  sphere: of pictures.  truth_of: the
     provenance of a field to compare with, which is without settings but those of the source."""
@@ -378,7 +377,7 @@ def scene_of(source: Any, *, linear: bool = False, folder: Optional[str] = None,
         with ray_scene(source) as scene:
             yield scene
         return
-    mapped: List[mmap.mmap] = []
+    mapped: list[mmap.mmap] = []
     _arrays(source, settings, folder, mapped)
     if isinstance(settings.get("label_table"), Mapping):
         settings["label_table"] = {int(id): _style(style)
@@ -386,7 +385,7 @@ def scene_of(source: Any, *, linear: bool = False, folder: Optional[str] = None,
     settings["transfer"] = _transfer(settings.get("transfer"))
     if truth_of is None:
         settings.setdefault("depth_cache", "")  # beside the pictures
-    notes: List[str] = []
+    notes: list[str] = []
     scene = _slf.make_scene({**settings, "linear": linear, "threads": threads, "sphere": sphere,
                              "truth_of": truth_of}, notes)
     for note in notes:
@@ -396,7 +395,7 @@ def scene_of(source: Any, *, linear: bool = False, folder: Optional[str] = None,
     yield scene
 
 
-def _style(style: Any) -> Tuple[str, Optional[Point], float]:
+def _style(style: Any) -> tuple[str, Point | None, float]:
     """A name, or (name, color, opacity), of which the last two may be missing."""
     given = (style,) if isinstance(style, str) else tuple(style)
     name, color, opacity = given + (None, 1.0)[len(given) - 1:]

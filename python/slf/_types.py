@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, NamedTuple, Sequence
 
 import numpy as np
 
 from ._errors import UsageError
 
-Point = Tuple[float, float, float]
+Point = tuple[float, float, float]
 
 
 def point(values: Sequence[float]) -> Point:
@@ -65,7 +65,7 @@ class Look(NamedTuple):
 
     opacity: float = 1.0
     """0, hidden, to 1."""
-    tint: Tuple[float, float, float] = (1.0, 1.0, 1.0)
+    tint: tuple[float, float, float] = (1.0, 1.0, 1.0)
     """RGB, each 0 to 1: its own colours are multiplied by this."""
 
 
@@ -87,7 +87,7 @@ class Shape(NamedTuple):
     finest_level: int
     """Levels 0 to this are stored."""
     entry_extra_levels: int
-    subfields: Tuple[int, ...]
+    subfields: tuple[int, ...]
     """The level-0 subfields of the field; empty: all 64."""
 
 
@@ -106,7 +106,7 @@ class Level(NamedTuple):
 
 
 class Content(NamedTuple):
-    levels: Tuple[Level, ...]
+    levels: tuple[Level, ...]
     complete: bool
     """No tile of the field, or of its part, is missing."""
     file_bytes: int
@@ -153,7 +153,7 @@ class Finding(NamedTuple):
 
 
 class VerifyReport(NamedTuple):
-    findings: Tuple[Finding, ...]
+    findings: tuple[Finding, ...]
     """The first 1000."""
     found: int
     damaged: int
@@ -178,7 +178,7 @@ class MeanAndMax(NamedTuple):
 class LevelMeasure(NamedTuple):
     """What views of one level need; means and maxima over the views."""
 
-    level: Optional[int]
+    level: int | None
     """None: the sum over all levels."""
     tiles: int
     tiles_touched: MeanAndMax
@@ -193,7 +193,7 @@ class LevelMeasure(NamedTuple):
 
 
 class Measurement(NamedTuple):
-    levels: Tuple[LevelMeasure, ...]
+    levels: tuple[LevelMeasure, ...]
     total: LevelMeasure
     rss_anon_peak: int
     """Bytes."""
@@ -205,7 +205,7 @@ class Evaluation(NamedTuple):
     psnr: float
     """In dB: the mean of the views'."""
     ssim: float
-    views: Tuple[Tuple[float, float], ...]
+    views: tuple[tuple[float, float], ...]
     """PSNR and SSIM of each view."""
     differs: str
     """Where the field's provenance is not that of the scene, as a JSON pointer; else empty."""
@@ -243,7 +243,7 @@ class ChannelDifference(NamedTuple):
     differing: int
     psnr: float
     worst_psnr: float
-    worst: Optional[Tuple[int, int, int]]
+    worst: tuple[int, int, int] | None
     """Level, entry and exit of the tile that differs most."""
 
 
@@ -252,9 +252,9 @@ class Difference(NamedTuple):
     """The same manifest, and the same tiles with the same bytes."""
     comparable: bool
     """Tiles of the same key sample the same rays."""
-    manifest: Tuple[str, ...]
+    manifest: tuple[str, ...]
     """Places in the manifest that differ, as JSON pointers."""
-    channels: Tuple[ChannelDifference, ...]
+    channels: tuple[ChannelDifference, ...]
 
 
 class Frame(NamedTuple):

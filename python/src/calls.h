@@ -45,8 +45,7 @@ T value_of(Result<T>&& result, const std::string& path = {}) {
 /// stops the call if one of them raises or returns False, or if the interpreter is about to exit.
 ///
 ///   LongCall call(callback);
-///   auto report = call.without_gil([&] { return build_field(…, call.progress()); });
-///   return value_of(std::move(report), path);
+///   return call.value(path, [&] { return build_field(…, call.progress()); });
 class LongCall {
  public:
   explicit LongCall(py::object callback = py::none()) : callback_(std::move(callback)) {}
@@ -65,6 +64,11 @@ class LongCall {
     }();
     if (raised_) throw std::move(*raised_);
     return result;
+  }
+  /// The value of such a Result. Throws its error as Failure.
+  template <class F>
+  auto value(const std::string& path, F&& f) {
+    return value_of(without_gil(std::forward<F>(f)), path);
   }
 
  private:

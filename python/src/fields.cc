@@ -45,8 +45,7 @@ std::unique_ptr<OpenField> in_state(const OpenField& open, const State& state) {
 
 py::object content(const OpenField& open) {
   LongCall call;
-  const auto content =
-      value_of(call.without_gil([&] { return open.field().content(); }), open.field().path());
+  const auto content = call.value(open.field().path(), [&] { return open.field().content(); });
   py::list levels;
   for (const LevelContent& level : content.levels)
     levels.append(tuple_named("Level", level.level, level.tiles, level.stored, level.empty,
@@ -82,20 +81,19 @@ py::tuple render(OpenField& open, const CameraTuple& camera, const std::optional
   const ViewOptions view = view_of(open.field(), mode, level, depth);
   LongCall call;
   const auto mapping = tone_of(tone);
-  auto image = value_of(call.without_gil([&]() -> Result<Image> {
+  auto image = call.value(open.field().path(), [&]() -> Result<Image> {
     auto drawn = SLF_TRY(open.render(camera_of(camera), view, memory, call.progress()));
     SLF_TRY(map_tones(open.field(), mapping, display, drawn));
     return drawn;
-  }),
-                        open.field().path());
+  });
   const py::array colors = colors_of(image);
   return py::make_tuple(colors, depths_of(image));
 }
 
 py::object pick(OpenField& open, const CameraTuple& camera, double x, double y) {
   LongCall call;
-  const auto found = value_of(call.without_gil([&] { return open.pick(camera_of(camera), x, y); }),
-                              open.field().path());
+  const auto found =
+      call.value(open.field().path(), [&] { return open.pick(camera_of(camera), x, y); });
   if (!found) return py::none();
   const glm::dvec3& p = found->point;
   return tuple_named("PickedPoint", py::make_tuple(p.x, p.y, p.z), found->depth,
@@ -113,13 +111,12 @@ py::list tiles(const OpenField& open, unsigned first_level, std::optional<unsign
   filter.missing = missing;
   std::vector<ListedTile> listed;
   LongCall call;
-  value_of(call.without_gil([&] {
+  call.value(field.path(), [&] {
     return list_tiles(field, filter, [&](const ListedTile& tile) -> Result<void> {
       listed.push_back(tile);
       return {};
     });
-  }),
-           field.path());
+  });
   const py::object type = py::module_::import("slf._types").attr("Tile");
   py::list out;
   for (const ListedTile& tile : listed)
@@ -133,12 +130,11 @@ py::array tile(OpenField& open, unsigned level, std::uint64_t entry, std::uint64
                const std::string& channel) {
   const Field& field = open.field();
   LongCall call;
-  auto set = value_of(call.without_gil([&]() -> Result<TileSampleSet> {
+  auto set = call.value(field.path(), [&]() -> Result<TileSampleSet> {
     const auto key = find_tile(field, {level, entry, exit});
     if (!key) return tl::unexpected(key.error());
     return read_tile(open.tiles(), *key, channel);
-  }),
-                      field.path());
+  });
   const py::ssize_t entries = static_cast<py::ssize_t>(set.entries.size());
   const py::ssize_t columns = py::ssize_t{set.side + 1} * (set.side + 2) / 2;
   std::vector<py::ssize_t> shape{entries, columns};
@@ -153,11 +149,10 @@ py::object verify(const Text& path, const OpenField* open, bool quick, bool fix,
                   py::object progress) {
   const VerifyOptions options{.quick = quick, .fix = fix, .threads = threads};
   LongCall call(std::move(progress));
-  const auto report = value_of(call.without_gil([&] {
+  const auto report = call.value(path, [&] {
     return open ? verify_field(open->field(), options, call.progress())
                 : verify_field(path, options, call.progress());
-  }),
-                               path);
+  });
   py::list findings;
   for (const Finding& finding : report.findings)
     findings.append(tuple_named("Finding", id(finding.kind), Text(finding.message)));
@@ -187,9 +182,8 @@ py::object measure(const OpenField& open, const std::vector<CameraTuple>& camera
   options.levels = levels;
   options.renderer = open.options();
   LongCall call(std::move(progress));
-  const auto measurement = value_of(
-      call.without_gil([&] { return measure_views(open.field(), options, call.progress()); }),
-      open.field().path());
+  const auto measurement = call.value(
+      open.field().path(), [&] { return measure_views(open.field(), options, call.progress()); });
   py::list out;
   for (const LevelMeasure& level : measurement.levels) out.append(measured(level, false));
   return tuple_named("Measurement", py::tuple(out), measured(measurement.total, true),
@@ -272,8 +266,7 @@ void close(OpenPlayer& open) {
 
 void bind_fields(py::module_& module) {
   py::class_<OpenField>(module, "Field")
-      .def(py::init(&open), py::arg("path"), py::arg("memory"), py::arg("threads"),
-           py::arg("progress"))
+      .def(py::init(&open))
       .def_property_readonly("path", [](const OpenField& f) { return Text(f.field().path()); })
       .def_property_readonly("shape",
                              [](const OpenField& f) { return tuple_of(f.field().shape()); })
@@ -294,25 +287,21 @@ void bind_fields(py::module_& module) {
                                for (const auto& name : f.field().states()) names.append(Text(name));
                                return py::tuple(names);
                              })
-      .def("in_state", in_state<unsigned>, py::arg("state"))
-      .def("in_state", in_state<Text>, py::arg("state"))
+      .def("in_state", in_state<unsigned>)
+      .def("in_state", in_state<Text>)
       .def("content", content)
-      .def("compose", compose, py::arg("structures"))
-      .def("render", render, py::arg("camera"), py::arg("mode"), py::arg("level"), py::arg("depth"),
-           py::arg("tone"), py::arg("display"), py::arg("memory") = py::none())
-      .def("pick", pick, py::arg("camera"), py::arg("x"), py::arg("y"))
-      .def("tiles", tiles, py::arg("first_level"), py::arg("last_level"), py::arg("missing"))
-      .def("tile", tile, py::arg("level"), py::arg("entry"), py::arg("exit"), py::arg("channel"))
-      .def("measure", measure, py::arg("cameras"), py::arg("mode"), py::arg("levels"),
-           py::arg("progress"))
-      .def("player", make_player, py::arg("mode"), py::arg("level"), py::arg("loading"),
-           py::arg("horizon"));
+      .def("compose", compose)
+      .def("render", render)
+      .def("pick", pick)
+      .def("tiles", tiles)
+      .def("tile", tile)
+      .def("measure", measure)
+      .def("player", make_player);
   py::class_<OpenPlayer>(module, "Player")
-      .def("draw", draw, py::arg("camera"), py::arg("tone"), py::arg("display"))
+      .def("draw", draw)
       .def("settle", settle)
       .def("close", close);
-  module.def("verify", verify, py::arg("path"), py::arg("field"), py::arg("quick"), py::arg("fix"),
-             py::arg("threads"), py::arg("progress"));
+  module.def("verify", verify);
   module.def("orbit_camera", [](const SphereTuple& sphere, const Triple& orbit, std::uint32_t width,
                                 std::uint32_t height) {
     return tuple_of(orbit_camera(sphere_of(sphere), orbit[0], orbit[1], orbit[2], width, height));

@@ -192,7 +192,7 @@ bool is_finite(const T& value) {
                        value.size();
                        value[0] * 1.0;
                      })
-    return std::all_of(value.begin(), value.end(), [](double v) { return std::isfinite(v); });
+    return std::ranges::all_of(value, [](double v) { return std::isfinite(v); });
   else
     return true;
 }
@@ -373,30 +373,23 @@ py::tuple raycast(const SceneHandle& handle, const CameraTuple& camera, unsigned
 }  // namespace
 
 void bind_scenes(py::module_& module) {
-  py::class_<Volume, VolumeHandle>(module, "Volume")
-      .def(py::init(&volume_of), py::arg("array"), py::arg("origin"), py::arg("axes"),
-           py::arg("slope"), py::arg("intercept"), py::arg("labels"), py::arg("source"),
-           py::arg("files"));
+  py::class_<Volume, VolumeHandle>(module, "Volume").def(py::init(&volume_of));
   py::class_<SceneHandle>(module, "Scene")
       .def_property_readonly("bounds",
                              [](const SceneHandle& s) { return tuple_of(s.scene->bounds()); })
       .def_property_readonly("provenance",
                              [](const SceneHandle& s) { return Text(s.scene->provenance()); })
-      .def("raycast", raycast, py::arg("camera"), py::arg("threads"), py::arg("progress"));
-  module.def("make_scene", described_scene, py::arg("settings"), py::arg("notes"));
-  module.def(
-      "ray_scene",
-      [](py::object fn, const SphereTuple& sphere, const std::string& provenance, std::size_t batch,
-         bool concurrent) {
-        SceneHandle handle;
-        auto scene = std::make_shared<const RayScene>(std::move(fn), sphere_of(sphere), provenance,
-                                                      batch, concurrent);
-        handle.rays = scene.get();
-        handle.scene = std::move(scene);
-        return handle;
-      },
-      py::arg("fn"), py::arg("sphere"), py::arg("provenance"), py::arg("batch"),
-      py::arg("concurrent"));
+      .def("raycast", raycast);
+  module.def("make_scene", described_scene);
+  module.def("ray_scene", [](py::object fn, const SphereTuple& sphere,
+                             const std::string& provenance, std::size_t batch, bool concurrent) {
+    SceneHandle handle;
+    auto scene = std::make_shared<const RayScene>(std::move(fn), sphere_of(sphere), provenance,
+                                                  batch, concurrent);
+    handle.rays = scene.get();
+    handle.scene = std::move(scene);
+    return handle;
+  });
 }
 
 }  // namespace slf::python

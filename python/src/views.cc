@@ -48,13 +48,12 @@ void check_page() {
 
 void export_field(const Text& field, const Text& output, bool force, py::object progress) {
   LongCall call(std::move(progress));
-  value_of(call.without_gil([&] {
+  call.value(field, [&] {
     auto written = view::export_field(field, field, output,
                                       force ? Existing::replace : Existing::keep, call.progress());
     if (!written && written.error().choice) written.error().message += "; force=True overwrites it";
     return written;
-  }),
-           field);
+  });
 }
 
 }  // namespace
@@ -62,14 +61,12 @@ void export_field(const Text& field, const Text& output, bool force, py::object 
 void bind_views(py::module_& module) {
   py::class_<ViewServer>(module, "Server")
       .def(py::init([](const Texts& fields) {
-             check_page();
-             return std::make_unique<ViewServer>(fields);
-           }),
-           py::arg("fields"))
+        check_page();
+        return std::make_unique<ViewServer>(fields);
+      }))
       .def_property_readonly("url", [](const ViewServer& server) { return Text(server.url()); })
       .def("close", &ViewServer::close);
-  module.def("export_field", export_field, py::arg("field"), py::arg("output"), py::arg("force"),
-             py::arg("progress"));
+  module.def("export_field", export_field);
 }
 
 }  // namespace slf::python

@@ -51,9 +51,8 @@ py::object repack(const OpenField& open, const Text& path, const std::string& co
   const RepackOptions options{codec, depth,  levels,  subfields, half,
                               light, memory, threads, replace};
   LongCall call(std::move(progress));
-  const auto report = value_of(
-      call.without_gil([&] { return repack_field(open.field(), path, options, call.progress()); }),
-      path);
+  const auto report =
+      call.value(path, [&] { return repack_field(open.field(), path, options, call.progress()); });
   return tuple_named("RepackReport", report.tiles, report.copied, report.recoded, report.missing,
                      report.payload_bytes, report.file_bytes);
 }
@@ -62,10 +61,9 @@ py::object merge(const Texts& parts, const Text& path, bool part, std::uint64_t 
                  unsigned threads, bool replace, py::object progress) {
   const MergeOptions options{memory, threads, part, replace};
   LongCall call(std::move(progress));
-  const auto report = value_of(call.without_gil([&] {
+  const auto report = call.value(path, [&] {
     return merge_fields({parts.begin(), parts.end()}, path, options, call.progress());
-  }),
-                               path);
+  });
   return tuple_named("MergeReport", report.tiles, report.payload_bytes, report.file_bytes);
 }
 
@@ -112,20 +110,11 @@ py::object evaluate(const OpenField& open, const SceneHandle& handle,
 }  // namespace
 
 void bind_writers(py::module_& module) {
-  module.def("build", build, py::arg("states"), py::arg("path"), py::arg("sphere"),
-             py::arg("entry"), py::arg("exit"), py::arg("finest_level"),
-             py::arg("entry_extra_levels"), py::arg("codec"), py::arg("depth"), py::arg("half"),
-             py::arg("threads"), py::arg("commit_seconds"), py::arg("force"), py::arg("shard"),
-             py::arg("only_levels"), py::arg("coarser"), py::arg("progress"));
-  module.def("repack", repack, py::arg("field"), py::arg("path"), py::arg("codec"),
-             py::arg("depth"), py::arg("finest_level"), py::arg("subfields"), py::arg("half"),
-             py::arg("light"), py::arg("memory"), py::arg("threads"), py::arg("force"),
-             py::arg("progress"));
-  module.def("merge", merge, py::arg("parts"), py::arg("path"), py::arg("part"), py::arg("memory"),
-             py::arg("threads"), py::arg("force"), py::arg("progress"));
-  module.def("diff", diff, py::arg("a"), py::arg("b"), py::arg("threads"), py::arg("progress"));
-  module.def("evaluate", evaluate, py::arg("field"), py::arg("scene"), py::arg("cameras"),
-             py::arg("mode"), py::arg("level"), py::arg("supersample"), py::arg("progress"));
+  module.def("build", build);
+  module.def("repack", repack);
+  module.def("merge", merge);
+  module.def("diff", diff);
+  module.def("evaluate", evaluate);
 }
 
 }  // namespace slf::python

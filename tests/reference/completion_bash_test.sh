@@ -2,7 +2,8 @@
 # What bash offers for command lines that are being typed.
 set -euo pipefail
 slf=$(realpath "$1") failures=0
-source "$2/completion/slf.bash"
+PATH=$(dirname "$slf"):$PATH
+source "$2/slf.bash"
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 cd "$work"

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # What fish offers for command lines that are being typed.
 set -euo pipefail
-failures=0
+slf=$1 failures=0
 command -v fish >/dev/null || { echo "fish is not installed"; exit 77; }
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
@@ -19,7 +19,8 @@ expect() {
   fi
 }
 
-script=$2/completion/slf.fish
+PATH=$(dirname "$(realpath "$slf")"):$PATH
+script=$2/slf.fish
 expect "slf re" render repack
 expect "slf render --mo" --mode
 expect "slf render --mode " nearest uv st bitri depth

@@ -5,7 +5,8 @@ command -v zsh >/dev/null || { echo "zsh is not installed"; exit 77; }
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 mkdir "$work/functions"
-cp "$2/completion/slf.zsh" "$work/functions/_slf"
+PATH=$(dirname "$(realpath "$1")"):$PATH
+cp "$2/slf.zsh" "$work/functions/_slf"
 cd "$work"
 touch a.slf scan.nii
 zsh -f -s "$work" <<'ZSH'

@@ -1,8 +1,10 @@
 #!/usr/bin/env bash
 # Every command and every option of --help stands in its manual page, which is sound troff.
 set -euo pipefail
-slf=$1 pages=$2/man failures=0
-command -v groff >/dev/null || { echo "groff is not installed"; exit 77; }
+slf=$1 pages=$2 failures=0
+for tool in groff help2man; do
+  command -v "$tool" >/dev/null || { echo "$tool is not installed"; exit 77; }
+done
 
 complain() { echo "FAILED: $*"; failures=$((failures + 1)); }
 

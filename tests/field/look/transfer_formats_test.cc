@@ -2,8 +2,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "tests/field/volume/samples.h"
 #include "tests/field/look/transfer_samples.h"
+#include "tests/field/volume/samples.h"
 
 namespace slf {
 namespace {
@@ -270,7 +270,7 @@ TEST(TransferPreset, SaysWhatIsWrong) {
   expect(clut, "nodeintensity0=0", "nodeintensity0=300", "nodeintensity0 is '300', expected");
   expect("[abc]\n", "", "", "numnodes is missing");
   expect("<VTKFile/>", "", "", "XML of 'VTKFile', expected ParaView's ColorMap");
-  expect("<ColorMap>", "", "", "line 1: no element found");
+  expect("<ColorMap>", "", "", "line 1: Start-end tags mismatch");
   const std::string xml = R"(<ColorMap name="m"><Point x="0" r="0" g="0" b="0.5"/></ColorMap>)";
   expect(xml, "0.5", "1.5", "ColorMap 'm': Point 1: b is '1.5', expected 0 to 1");
   expect(xml, "x=\"0\"", "", "ColorMap 'm': Point 1: x is '', expected a number");

@@ -211,7 +211,7 @@ TEST_F(VolumeBadInput, HeaderFieldsThatDoNotParse) {
   bad("type: uchar\nsizes: 5 4 3\nencoding: raw\n", {"no 'dimension:'"});
   bad("type: quark\ndimension: 3\nsizes: 5 4 3\nencoding: raw\n", {"'type' is 'quark'"});
   bad("type: uchar\ndimension: 99\nsizes: 5\nencoding: raw\n", {"'dimension' is '99'"});
-  bad("type: uchar\ndimension: 3\nsizes: 5 4\nencoding: raw\n", {"has 2 values", "3 axes"});
+  bad("type: uchar\ndimension: 3\nsizes: 5 4\nencoding: raw\n", {"has 2 values", "expected 3"});
   bad("type: uchar\ndimension: 3\nsizes: 5 4 3\nencoding: lzma\n", {"'encoding' is 'lzma'"});
   bad("type: short\ndimension: 3\nsizes: 5 4 3\nencoding: raw\n", {"'endian'", "endian: little"});
   bad("type: uchar\nnonsense\n", {"line 4", "'nonsense'"});

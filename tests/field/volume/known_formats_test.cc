@@ -57,6 +57,7 @@ std::vector<Sample> samples_of_formats() {
       {"a.obj", "v 0 0 0\n", "OBJ"},
       {"a.glb", "glTF\2", "glTF"},
       {"a.gltf", "{\"asset\": {\"version\": \"2.0\"}}", "glTF"},
+      {"a.json", "{\"frames\": []}", "a file of cameras", "pictures:"},
       {"a.zip", "PK\3\4", "ZIP"},
       {"a.tar", at(257, "ustar"), "tar", "unpack"},
       {"a.7z", "7z\xbc\xaf\x27\x1c", "7-Zip"},

@@ -264,7 +264,7 @@ TEST(VolumeVti, SaysWhatIsWrong) {
   expect({.packed = true}, "vtkZLib", "vtkLZMA", bad, "packed block 0 of 2 is damaged");
   expect({.extent = "0 4 0 3 0 9"}, "x", "x", bad, "");
   expect({.extent = "0 99999 0 99999 0 99999"}, "x", "x", bad, "needs 2000000000000000 bytes");
-  expect({}, "Spacing=\"0.5", "Spacing=\"0", bad, "Spacing 0 along x");
+  expect({}, "Spacing=\"0.5", "Spacing=\"0", bad, "Spacing along x is 0");
   expect({}, "offset=\"3\"", "offset=\"99999\"", bad, "beyond the end of the file");
   expect({}, "</PointData>", "</CellData>", bad, "line 4");
   expect({}, "Int16", "Int17", bad, "'Int17'");
