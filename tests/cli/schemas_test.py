@@ -27,6 +27,7 @@ DATA = HERE.parent / "data"
 PREPARE = [
     "build scene:balls -o F.slf --entry 2 --exit 4 --levels 1",
     "repack F.slf -o G.slf --codec jpeg:60 --subfields 0-40",
+    "build scene:balls --states s.json -o S.slf --entry 2 --exit 4 --levels 1",
     "build scene:balls -o part-1.slf --entry 2 --exit 4 --levels 1 --shard 1/2",
     "build scene:balls -o part-2.slf --entry 2 --exit 4 --levels 1 --shard 2/2",
     "cameras --sphere 0,0,0,1 --count 12 --size 32 -o c.json",
@@ -35,7 +36,7 @@ PREPARE = [
     "render G.slf -o G.png --size 32",
 ]
 CASES = {
-    "info": ["info F.slf --json", "info G.slf --json", f"info {DATA}/golden/example.slf --json",
+    "info": ["info F.slf --json", "info S.slf --json", "info S.slf --state globe --json", "info G.slf --json", f"info {DATA}/golden/example.slf --json",
              "info part-2.slf --json", "info v.raw --dims 2x2x2 --json",
              "info v.raw --dims 2x2x2 --labels --json",
              f"info {DATA}/dicom --json", f"info {DATA}/dicom --series 3 --json",
@@ -52,7 +53,7 @@ CASES = {
     "verify": ["verify F.slf --json", f"verify {DATA}/golden/flipped_tile.slf --json",
                f"verify {DATA}/golden/incomplete.slf --json"],
     "transfer": ["transfer --json --list", "transfer ct-bone --json"],
-    "ls": ["ls F.slf --json", "ls G.slf --json --missing --level 1 --subfields 3",
+    "ls": ["ls F.slf --json", "ls S.slf --state again --json", "ls G.slf --json --missing --level 1 --subfields 3",
            f"ls {DATA}/golden/incomplete.slf --json"],
     "diff": ["diff F.slf F.slf --json", "diff F.slf G.slf --json",
              f"diff F.slf {DATA}/golden/example.slf --json"],
@@ -60,6 +61,9 @@ CASES = {
     "view": [],  # below: it ends when it is told to
     "play": ["play F.slf --orbit 0,20,3 --seconds 0.2 --fps 10 --size 32 --json"],
 }
+
+STATES = {"states": [{"name": "balls"}, {"name": "globe", "input": "scene:globe"},
+                     {"name": "again"}]}
 
 # Commands that take long with large fields.
 LONG = [
@@ -182,6 +186,8 @@ def main():
     with tempfile.TemporaryDirectory(prefix="slf-schemas-") as folder:
         checker = Checker(arguments.slf.resolve(), arguments.schemas, folder)
         pathlib.Path(folder, "v.raw").write_bytes(bytes(range(8)))
+        pathlib.Path(folder, "s.json").write_text(json.dumps(STATES))
+        checker.schema("states").validate(STATES)
         for line in PREPARE:
             done = checker.run(line)
             if done.returncode != 0:
