@@ -124,7 +124,7 @@ def main():
         draw(title, *structures)
     draw("white matter, others at 0.3", "--structure", "*:0.3", "--structure", "white matter")
     draw("tinted", "--structure", "*:#ffe0c0", "--structure", "temporal:0.4:#ff4040")
-    subprocess.run(["montage", "-font", FONT, *sheet, "-tile", "3x", "-geometry", "+4+4",
+    subprocess.run(["montage", "-font", FONT, *sheet, "-tile", "3x", "-geometry", "320x320+4+4",
                     "-background", "black", "-fill", "white", "-quality", "90",
                     bench.folder / "structures.jpg"], check=True)
 
