@@ -17,6 +17,9 @@ SLF_EMBED(slf_page_style, SLF_PAGE_DIR "/style.css")
 SLF_EMBED(slf_page_shader, SLF_PAGE_DIR "/shader.js")
 SLF_EMBED(slf_page_module, SLF_PAGE_DIR "/module.js")
 SLF_EMBED(slf_page_camera, SLF_PAGE_DIR "/camera.js")
+SLF_EMBED(slf_page_viewer, SLF_PAGE_DIR "/viewer.js")
+SLF_EMBED(slf_page_explain, SLF_PAGE_DIR "/explain.js")
+SLF_EMBED(slf_page_look, SLF_PAGE_DIR "/look.js")
 SLF_EMBED(slf_page_controls, SLF_PAGE_DIR "/controls.js")
 SLF_EMBED(slf_page_renderer, SLF_PAGE_DIR "/renderer.js")
 SLF_EMBED(slf_page_source, SLF_PAGE_DIR "/source.js")
@@ -46,7 +49,6 @@ std::span<const PageFile> page_files() {
       file("shader.js", kScript, slf_page_shader_begin, slf_page_shader_end),
       file("module.js", kScript, slf_page_module_begin, slf_page_module_end),
       file("camera.js", kScript, slf_page_camera_begin, slf_page_camera_end),
-      file("controls.js", kScript, slf_page_controls_begin, slf_page_controls_end),
       file("renderer.js", kScript, slf_page_renderer_begin, slf_page_renderer_end),
       file("source.js", kScript, slf_page_source_begin, slf_page_source_end),
       file("field.js", kScript, slf_page_field_begin, slf_page_field_end),
@@ -54,6 +56,10 @@ std::span<const PageFile> page_files() {
       file("decoders.js", kScript, slf_page_decoders_begin, slf_page_decoders_end),
       file("reader.js", kScript, slf_page_reader_begin, slf_page_reader_end),
       file("loader.js", kScript, slf_page_loader_begin, slf_page_loader_end),
+      file("viewer.js", kScript, slf_page_viewer_begin, slf_page_viewer_end),
+      file("controls.js", kScript, slf_page_controls_begin, slf_page_controls_end),
+      file("explain.js", kScript, slf_page_explain_begin, slf_page_explain_end),
+      file("look.js", kScript, slf_page_look_begin, slf_page_look_end),
       file("main.js", kScript, slf_page_main_begin, slf_page_main_end),
       file("worker.js", kScript, slf_page_worker_begin, slf_page_worker_end),
       file("module.bin", "application/octet-stream", slf_page_wasm_begin, slf_page_wasm_end)};

@@ -24,7 +24,7 @@ const kMaxShared = 600;          // at a time; browsers refuse several thousand
 // These, and requests for several ranges
 const kPartHead = 160;           // bytes that each range costs in the head of an answer
 const kMaxParts = 80;            // ranges of one request; hosts refuse more than 200
-const kAnswerBytes = 512 << 10;  // in one answer, about
+const kAnswerBytes = 1 << 20;    // in one answer, about
 const kMaxReserved = 1 << 26;    // reserved at once for an answer, whatever length it states
 
 const kMixed = /^multipart\/byteranges/i;
@@ -42,12 +42,11 @@ const kCutShort = 'The host cut an answer short.';
 
 // A file on a host of static files, read by ranges. Without ranges, a small file is fetched whole.
 export class HttpSource {
-  // `onProgress(done, total)` is called while a file is fetched whole; NaN: the total is unknown.
-  // `onError(error)`: the file has changed after parts of it were read. `onWait(waits)`: the host
-  // is silent, or answers again.
-  constructor(url, onProgress, onError, onWait) {
-    this.url = new URL(url, document.baseURI);
-    Object.assign(this, {onProgress, onError, onWait});
+  // `small`: style.css is on the same host. `onProgress(done, total)` is called while a file is
+  // fetched whole; NaN: the total is unknown. `onError(error)`: the file has changed after parts of
+  // it were read. `onWait(waits)`: the host is silent, or answers again.
+  constructor(url, {small, onProgress, onError, onWait}) {
+    Object.assign(this, {url, small, onProgress, onError, onWait});
     this.bytes = this.requests = 0;
     this.roundTrips = 0;  // the longest chain of answers, each before the next request
     this.kept = [];       // answers with bytes that were not asked for, the oldest first
@@ -62,7 +61,7 @@ export class HttpSource {
   async readEnds() {
     const came = (answer) => answer.whole && this.onProgress?.(answer.have, answer.length);
     const [several, start, tail] = await Promise.all([
-      servesSeveral(this.beside ? kSmallFile : this.url),
+      servesSeveral(this.small && this.beside ? kSmallFile : this.url),
       this.request(`0-${kStart - 1}`, {orWhole: true, came}),
       this.request(`-${kEnd}`, {retries: 0}).catch(() => {})]);
     if (start.parts.length === 0) throw new Error('The field is empty.');
@@ -237,7 +236,7 @@ async function servesSeveral(url) {
   const stop = new AbortController();
   try {
     const {status, headers} = await fetch(url, {
-      headers: {Range: 'bytes=0-0,1000-1000'}, cache: 'no-store', signal: stop.signal});
+      headers: {Range: 'bytes=0-0,200-200'}, cache: 'no-store', signal: stop.signal});
     return status === 206 && kMixed.test(headers.get('Content-Type') ?? '');
   } catch {
     return false;
