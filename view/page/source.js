@@ -45,8 +45,9 @@ export class HttpSource {
   // `small`: style.css is on the same host. `onProgress(done, total)` is called while a file is
   // fetched whole; NaN: the total is unknown. `onError(error)`: the file has changed after parts of
   // it were read. `onWait(waits)`: the host is silent, or answers again.
-  constructor(url, {small, onProgress, onError, onWait}) {
-    Object.assign(this, {url, small, onProgress, onError, onWait});
+  constructor(url, {small = true, onProgress, onError, onWait} = {}) {
+    this.url = new URL(url, document.baseURI);
+    Object.assign(this, {small, onProgress, onError, onWait});
     this.bytes = this.requests = 0;
     this.roundTrips = 0;  // the longest chain of answers, each before the next request
     this.kept = [];       // answers with bytes that were not asked for, the oldest first
