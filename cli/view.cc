@@ -18,10 +18,13 @@
 namespace slf::cli {
 namespace {
 
+constexpr const char* kViews = "Saved views and notes that the page shows (schemas/views.json)";
+constexpr const char* kViewsFile = "VIEWS.json";
+
 struct ViewArguments {
   std::vector<std::string> fields, frames;
   std::uint16_t port = 0;
-  std::string bind;
+  std::string bind, views;
   bool open = false, json = false;
 };
 
@@ -40,6 +43,7 @@ Result<void> run_view(const ViewArguments& arguments) {
   view::ServerOptions options;
   options.port = arguments.port;
   options.frames = arguments.frames;
+  if (!arguments.views.empty()) options.views = SLF_TRY(view::read_views(arguments.views));
   if (!arguments.bind.empty()) {
     options.address = arguments.bind;
     options.any_host = true;
@@ -57,7 +61,7 @@ Result<void> run_view(const ViewArguments& arguments) {
 }
 
 struct ExportArguments {
-  std::string field, output;
+  std::string field, output, views;
   RepackOptions repack;
   std::uint64_t max_size = 0;  // 0: any
   bool force = false, json = false;
@@ -97,9 +101,12 @@ Result<void> run_export(const ExportArguments& a) {
   std::string base = a.output;
   while (base.size() > 1 && base.back() == '/') base.pop_back();
   const auto field = SLF_TRY(Field::open(a.field));
+  view::Views views;
+  if (!a.views.empty())
+    views = SLF_TRY(view::parse_views(SLF_TRY(view::read_views(a.views)), field.shape().sphere));
   const auto repacked = SLF_TRY(repack_if_requested(a, field, base + ".exporting"));
   const Field& exported = repacked ? *repacked : field;
-  SLF_TRY(with_force(view::export_field(exported.path(), a.field, a.output, a.existing(),
+  SLF_TRY(with_force(view::export_field(exported.path(), a.field, a.output, views, a.existing(),
                                         progress_bar("export", "bytes", OnSignal::stop))));
   const std::uint64_t bytes = exported.file_bytes();
   if (a.json)
@@ -128,6 +135,7 @@ void add_view(CLI::App& app, Run& run) {
       ->type_name("ORIGIN")
       ->expected(1)
       ->take_all();
+  command->add_option("--views", a->views, kViews)->type_name(kViewsFile);
   command->add_flag("--open", a->open, "Open the page in the desktop's browser");
   command->add_flag("--json", a->json, "JSON on stdout");
   command->callback([a, &run] { run = [a] { return run_view(*a); }; });
@@ -146,6 +154,7 @@ void add_export(CLI::App& app, Run& run) {
   add_no_depth(*command, a->repack.depth, "As in slf repack");
   add_bytes(*command, "--max-size", a->max_size,
             "Choose quality and levels so that the page fits; 0: no limit");
+  command->add_option("--views", a->views, kViews)->type_name(kViewsFile);
   command->add_flag("-f,--force", a->force, "Overwrite the output");
   command->add_flag("--json", a->json, "JSON on stdout");
   command->callback([a, &run] { run = [a] { return run_export(*a); }; });

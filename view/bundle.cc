@@ -1,5 +1,6 @@
 #include "view/bundle.h"
 
+#include <algorithm>
 #include <map>
 #include <regex>
 #include <set>
@@ -19,7 +20,8 @@ struct Module {
   std::string uses;  ///< what it imports, as declarations
 };
 
-/// Takes the imports out of a module, and adds the imported names to `used`, by module.
+/// Takes the imports and the comments out of a module, and adds the imported names to `used`, by
+/// module.
 Module take_apart(const PageFile& file, std::map<std::string, std::set<std::string>>& used) {
   static const std::regex import(R"(import \{([^}]*)\} from '\./([\w.]+)';)");
   static const std::regex name(R"((\w+)(?: as \w+)?)"), renamed(" as "), declaration("^export ");
@@ -27,6 +29,9 @@ Module take_apart(const PageFile& file, std::map<std::string, std::set<std::stri
   std::istringstream lines{std::string(file.bytes)};
   for (std::string line; std::getline(lines, line);) {
     std::smatch found;
+    line.erase(0, line.find_first_not_of(' '));
+    line.erase(std::min(line.find("  // "), line.size()));
+    if (line.empty() || line.starts_with("//")) continue;
     if (!std::regex_match(line, found, import)) {
       result.text += std::regex_replace(line, declaration, "") + "\n";
       continue;

@@ -21,6 +21,7 @@
 #include "view/http.h"
 #include "view/page.h"
 #include "view/ranges.h"
+#include "view/site.h"
 
 namespace slf::view {
 namespace {
@@ -131,9 +132,8 @@ void redirect(Response& response, const std::string& where) {
   response.set("Location", where);
 }
 
-Content page_content(const PageFile& file, const std::string& tag) {
-  return {file.bytes.size(), tag, std::string(file.type),
-          [bytes = file.bytes](std::uint64_t offset, std::span<char> to) {
+Content page_content(std::string_view bytes, std::string_view type, const std::string& tag) {
+  return {bytes.size(), tag, std::string(type), [bytes](std::uint64_t offset, std::span<char> to) {
             return bytes.copy(to.data(), to.size(), offset);
           }};
 }
@@ -193,6 +193,7 @@ struct Server::State {
   std::vector<ServedField> fields;
   std::string url, tag;  // tag: the entity tag of the page's files
   std::string frames = kFrames;
+  std::string views, index;  // views.json, or empty; index.html
   bool any_host = false;
 
   [[nodiscard]] Response answer(const Request& request) const;
@@ -238,9 +239,14 @@ void Server::State::choose(const Request& request, Response& response) const {
         return answer_content(request, response, *content);
       return answer_text(response, 500, "The field cannot be read.");
     }
+    if (name == "views.json" && !views.empty())
+      return answer_content(request, response, page_content(views, "application/json", tag));
     for (const PageFile& file : page_files()) {
-      if (name != file.name && !(name.empty() && file.name == "index.html")) continue;
-      return answer_content(request, response, page_content(file, tag));
+      const bool is_index = file.name == "index.html";
+      if (name != file.name && !(name.empty() && is_index)) continue;
+      return answer_content(
+          request, response,
+          page_content(is_index ? std::string_view(index) : file.bytes, file.type, tag));
     }
   }
   answer_text(response, 404, "Not here. The fields are listed at /.");
@@ -276,7 +282,16 @@ Result<Server> Server::make(std::span<const std::string> fields, const ServerOpt
       field.name = name + "-" + std::to_string(copy);
     state->fields.push_back(std::move(field));
   }
-  std::size_t hash = 0;
+  if (fields.size() > 1 && !options.views.text.empty())
+    return fail(ErrorCode::usage, "views are of one field, but ", fields.size(), " are given");
+  const auto field = SLF_TRY(Field::open(fields[0]));
+  const Views views = SLF_TRY(parse_views(options.views, field.shape().sphere));
+  state->views = views.json;
+  state->index =
+      page_with("src=\"field.slf\"" + (views.first.empty() ? "" : " view=\"" + views.first + "\"") +
+                    (views.json.empty() ? "" : " views=\"views.json\""),
+                "");
+  std::size_t hash = std::hash<std::string>()(state->index + state->views);
   for (const PageFile& file : page_files())
     hash = hash * 31 + std::hash<std::string_view>()(file.bytes);
   state->tag = "\"" + std::to_string(hash) + "\"";

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "slf/error.h"
+#include "view/views.h"
 
 namespace slf::view {
 
@@ -27,6 +28,7 @@ struct ServerOptions {
   /// Origins whose pages may show those of the server in frames, such as "https://example.org",
   /// beside those of this machine: notebooks at localhost, 127.0.0.1 and [::1].
   std::vector<std::string> frames{};
+  ViewsFile views{};  ///< that the page of the only field shows; may be none
 };
 
 /// Answers GET and HEAD, with ranges, entity tags and conditional requests. Requests are untrusted.
@@ -34,8 +36,8 @@ struct ServerOptions {
 class Server {
  public:
   /// Opens the fields and binds the address. io: a field cannot be read, or the address is taken.
-  /// bad_file, unsupported: a file is no field. usage: no field is given, or `frames` has no
-  /// origin.
+  /// bad_file, unsupported: a file is no field, or `views` are none. usage: no field is given, or
+  /// several with views, or `frames` has no origin.
   [[nodiscard]] static Result<Server> make(std::span<const std::string> fields,
                                            const ServerOptions& options);
   Server(Server&&) noexcept;

@@ -1,16 +1,22 @@
 #include "view/site.h"
 
 #include <algorithm>
+#include <array>
 #include <filesystem>
 #include <initializer_list>
+#include <nlohmann/json.hpp>
 #include <optional>
+#include <sstream>
 #include <utility>
 
 #include "base/bytes.h"
 #include "base/reporter.h"
 #include "base/try.h"
 #include "field/write/field_index.h"
+#include "slf/camera.h"
 #include "slf/field.h"
+#include "slf/image.h"
+#include "slf/render.h"
 #include "view/bundle.h"
 #include "view/page.h"
 
@@ -26,7 +32,11 @@ constexpr std::size_t kPieceBytes = std::size_t{3} << 20;
 /// Exported folders.
 constexpr std::string_view kIndexFile = "index.html", kStyleFile = "style.css",
                            kScriptFile = "page.js", kModuleScriptFile = "module.bin.js",
-                           kFieldFile = "field.slf";
+                           kFieldFile = "field.slf", kViewsFile = "views.json",
+                           kDarkPoster = "poster.jpg", kLightPoster = "poster-light.jpg";
+
+constexpr std::uint32_t kPosterSize = 512;
+constexpr std::size_t kMaxPosterBytes = 40000;
 
 /// Some hosts send the page of a folder without the slash at the end of its address. Then the files
 /// beside the page are not where their names lead. A path that begins with // would be a host.
@@ -48,14 +58,78 @@ void replace_first(std::string& text, std::string_view what, std::string_view by
     text.replace(at, what.size(), by);
 }
 
+/// What the page shows before any script runs: its first view, on dark and on light.
+struct Posters {
+  std::string title, dark, light;  ///< JPEG files
+};
+
+Result<Posters> make_posters(const std::string& path, const Views& views) {
+  const auto field = SLF_TRY(Field::open(path));
+  const Sphere& sphere = field.shape().sphere;
+  std::array<double, 6> view{30, 20, 3, 0, 0, 0};  // as in camera.js
+  std::istringstream numbers(views.first);
+  std::string number;
+  for (std::size_t k = 0; k < view.size() && std::getline(numbers, number, ','); ++k)
+    view[k] = std::stod(number);
+  Camera camera =
+      orbit_camera(sphere, view[0], view[1], std::max(view[2], 1.02), kPosterSize, kPosterSize);
+  camera.fov = fitted_fov(sphere, 3 * sphere.radius, kPosterSize, kPosterSize);
+  const glm::dvec3 aside = sphere.radius * glm::dvec3(view[3], view[4], view[5]);
+  camera.eye += aside;
+  camera.look_at += aside;
+  Renderer renderer(field);
+  const RenderMode mode = field.has_depth() ? RenderMode::depth : RenderMode::bitri;
+  Posters posters;
+  const auto provenance = nlohmann::json::parse(field.provenance(), nullptr, false);
+  if (provenance.is_object())
+    for (const char* key : {"name", "source"})
+      if (provenance.contains(key) && provenance[key].is_string())
+        posters.title = fs::path(provenance[key].get<std::string>()).filename().string();
+  auto image = renderer.render(camera, {mode, matching_level(field.shape(), camera, mode)});
+  if (!image) return posters;  // a damaged field is shown as far as it can be read
+  SLF_TRY(map_tones(field, std::nullopt, /*display=*/true, *image));
+  for (const auto& [background, poster] : {std::pair{glm::vec3(0), &posters.dark},
+                                           {glm::vec3(244, 245, 247) / 255.0f, &posters.light}})
+    for (int quality = 88; poster->empty() || poster->size() > kMaxPosterBytes; quality -= 8) {
+      const auto bytes = SLF_TRY(
+          encode_image("poster.jpg", *image, {.background = background, .jpeg_quality = quality}));
+      poster->assign(reinterpret_cast<const char*>(bytes.data()), bytes.size());
+      if (quality <= 8) break;
+    }
+  return posters;
+}
+
+/// The elements of a page with posters at these addresses: its head, and what the element contains.
+std::string poster_head(const Posters& posters, std::string_view image) {
+  const std::string title = escape_html(posters.title);
+  return "<meta property=\"og:title\" content=\"" + title + "\">\n" +
+         (image.empty() || posters.dark.empty()
+              ? ""
+              : "<meta property=\"og:image\" content=\"" + std::string(image) + "\">\n");
+}
+std::string poster_element(const Posters& posters, const std::string& dark,
+                           const std::string& light) {
+  if (posters.dark.empty()) return "";
+  return "<picture slot=\"poster\"><source media=\"(prefers-color-scheme: light)\" srcset=\"" +
+         light + "\"><img src=\"" + dark + "\" alt=\"" + escape_html(posters.title) +
+         "\"></picture>\n";
+}
+
 /// The page with other elements in its head, in place of those that refer to files, and with other
 /// scripts.
-std::string page_html(std::string_view head, std::string_view scripts) {
-  std::string html(file_named("index.html"));
+std::string page_html(const Posters& posters, std::string html, std::string_view head,
+                      std::string_view scripts) {
+  if (!posters.title.empty())
+    replace_first(html, "<title>Sphere light field", "<title>" + escape_html(posters.title));
   const std::size_t links = html.find("<link rel=\"stylesheet\"");
   html.replace(links, html.find("</head>") - links, head);
   replace_first(html, "<script type=\"module\" src=\"main.js\"></script>\n", scripts);
   return html;
+}
+
+/// The element's attribute for the first of the views, with a space before it.
+std::string view_attribute(const Views& views) {
+  return views.first.empty() ? "" : " view=\"" + views.first + "\"";
 }
 
 /// Checks that the file is a field, and returns its size.
@@ -65,7 +139,8 @@ Result<std::uint64_t> field_size(const std::string& path) {
 }
 
 Result<void> export_page(const std::string& field, const std::string& input,
-                         const std::string& output, const ProgressCallback& progress) {
+                         const std::string& output, const Views& views,
+                         const ProgressCallback& progress) {
   const auto size = SLF_TRY(field_size(field));
   if (size > kMaxEmbeddedBytes)
     return unsupported(input, size, " bytes are too many for one page; ",
@@ -73,7 +148,10 @@ Result<void> export_page(const std::string& field, const std::string& input,
   const auto bytes = SLF_TRY(read_file(field, kMaxEmbeddedBytes));
   const std::string_view content(reinterpret_cast<const char*>(bytes.data()), bytes.size());
 
+  const auto posters = SLF_TRY(make_posters(field, views));
   std::string scripts;
+  if (!views.json.empty())
+    scripts = "<script type=\"application/json\" class=\"views\">" + views.json + "</script>\n";
   Reporter reporter(progress, {0, content.size(), 0}, output + ": interrupted");
   for (std::size_t at = 0; at < content.size(); at += kPieceBytes) {
     const std::string_view piece = content.substr(at, kPieceBytes);
@@ -85,13 +163,21 @@ Result<void> export_page(const std::string& field, const std::string& input,
       page_script("module: " + module_string() + ",\npieceBytes: " + std::to_string(kPieceBytes) +
                   ", size: " + std::to_string(content.size()) + ",\n") +
       "</script>\n";
-  const std::string page =
-      page_html("<style>\n" + std::string(file_named(kStyleFile)) + "</style>", scripts);
+  const auto inlined = [](std::string_view file) {
+    return "data:image/jpeg;base64," + base64(file);
+  };
+  const std::string page = page_html(
+      posters,
+      page_with(view_attribute(views),
+                poster_element(posters, inlined(posters.dark), inlined(posters.light))),
+      poster_head(posters, "") + "<style>\n" + std::string(file_named(kStyleFile)) + "</style>",
+      scripts);
   return write_file(output, bytes_of(page));
 }
 
 Result<void> export_site(const std::string& field, const std::string& input,
-                         const std::string& folder, const ProgressCallback& progress) {
+                         const std::string& folder, const Views& views,
+                         const ProgressCallback& progress) {
   const auto size = SLF_TRY(field_size(field));
   std::error_code error;
   fs::create_directories(folder, error);
@@ -108,21 +194,47 @@ Result<void> export_site(const std::string& field, const std::string& input,
   const std::string style = "<link rel=\"stylesheet\" href=\"" + std::string(kStyleFile) + "\">\n";
   const std::string module =
       "<link rel=\"preload\" href=\"" + std::string(kModuleFile) + "\" as=\"fetch\" crossorigin>\n";
+  const auto posters = SLF_TRY(make_posters(field, views));
+  const std::string element =
+      page_with("src=\"field.slf\"" + view_attribute(views) +
+                    (views.json.empty() ? "" : " views=\"" + std::string(kViewsFile) + "\""),
+                poster_element(posters, std::string(kDarkPoster), std::string(kLightPoster)));
   const std::string script = "<script src=\"" + std::string(kScriptFile) + "\"></script>\n";
   for (const auto& [name, text] : std::initializer_list<std::pair<std::string_view, std::string>>{
-           {kIndexFile, page_html(std::string(kSlashScript) + style + module, script)},
+           {kIndexFile, page_html(posters, element,
+                                  poster_head(posters, kDarkPoster) + std::string(kSlashScript) +
+                                      style + module,
+                                  script)},
+           {kDarkPoster, posters.dark},
+           {kLightPoster, posters.light},
            {kStyleFile, std::string(file_named(kStyleFile))},
            {kScriptFile, page_script("")},
            {kModuleFile, std::string(file_named(kModuleFile))},
-           {kModuleScriptFile, "slfInside.module = " + module_string() + ";\n"}})
-    SLF_TRY(write_file((fs::path(folder) / name).string(), bytes_of(text)));
+           {kModuleScriptFile, "slfInside.module = " + module_string() + ";\n"},
+           {kViewsFile, views.json}})
+    if (!text.empty()) SLF_TRY(write_file((fs::path(folder) / name).string(), bytes_of(text)));
   return copy ? copy->publish(Existing::replace) : Result<void>();
 }
 
 }  // namespace
 
+std::string escape_html(std::string_view text) {
+  std::string html;
+  for (const char c : text)
+    html += c == '&' ? "&amp;" : c == '<' ? "&lt;" : c == '"' ? "&quot;" : std::string(1, c);
+  return html;
+}
+
+std::string page_with(std::string_view attributes, std::string_view content) {
+  std::string html(file_named(kIndexFile));
+  replace_first(html, "<slf-field src=\"field.slf\" address>\n",
+                "<slf-field " + std::string(attributes) + " address>\n" + std::string(content));
+  return html;
+}
+
 std::uint64_t room_for_field(std::uint64_t max_bytes, bool one_file) {
-  std::uint64_t page = 65536;  // what is around scripts and pieces
+  // What is around scripts and pieces, and posters.
+  std::uint64_t page = 65536 + 2 * (kMaxPosterBytes / 3 * 4 + 4);
   for (const PageFile& file : page_files()) {
     if (!one_file || file.name != kModuleFile) page += file.bytes.size();
     if (file.name == kModuleFile) page += file.bytes.size() / 3 * 4 + 4;  // base64
@@ -142,19 +254,19 @@ Result<void> check_export(const std::string& input, const std::string& output, E
   if (existing == Existing::keep && fs::is_directory(output, ignored) &&
       !fs::is_empty(output, ignored))
     return fail_without("replace in", ErrorCode::usage, output, ": is not empty");
-  for (const std::string_view name :
-       {kIndexFile, kStyleFile, kScriptFile, kModuleFile, kModuleScriptFile})
+  for (const std::string_view name : {kIndexFile, kStyleFile, kScriptFile, kModuleFile,
+                                      kModuleScriptFile, kViewsFile, kDarkPoster, kLightPoster})
     SLF_TRY(check_output((fs::path(output) / name).string(), {&input, 1}));
   const std::string target = (fs::path(output) / kFieldFile).string();
   return is_same_file(input, target) ? Result<void>() : check_output(target, {&input, 1});
 }
 
 Result<void> export_field(const std::string& field, const std::string& input,
-                          const std::string& output, Existing existing,
+                          const std::string& output, const Views& views, Existing existing,
                           const ProgressCallback& progress) {
   SLF_TRY(check_export(input, output, existing));
-  return is_page_name(output) ? export_page(field, input, output, progress)
-                              : export_site(field, input, output, progress);
+  return is_page_name(output) ? export_page(field, input, output, views, progress)
+                              : export_site(field, input, output, views, progress);
 }
 
 }  // namespace slf::view

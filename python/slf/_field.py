@@ -29,6 +29,7 @@ LevelName = int | str
 State = int | str
 """The number of a state, from 0, or its name."""
 Structures = Mapping[Union["Field", Path], float | Look]
+AnyViews = Path | dict[str, Any] | None
 
 _DEFAULT_MEMORY = 256 << 20
 _THUMBNAIL_MEMORY = 16 << 20
@@ -207,7 +208,9 @@ class Field:
         return other
 
     def content(self) -> Content:
-        """Counts the tiles and bytes of each level, of this state. slf.BadFileError: a table is damaged."""
+        """Counts the tiles and bytes of each level, of this state.
+
+        Raises slf.BadFileError: a table is damaged."""
         return self._field.content()
 
     # -- pictures ---------------------------------------------------------------------------------
@@ -306,7 +309,7 @@ class Field:
 
     def thumbnail(self, size: int = 256,
                   background: Sequence[float] | None = (0, 0, 0)) -> np.ndarray:
-        """A small picture: uint8 [size, size, 4], over black. Reads coarse tiles only, and keeps none.
+        """A small picture: uint8 [size, size, 4], over black. Reads coarse tiles, and keeps none.
         """
         colors, _ = self._field.render(camera_tuple(self.sphere, orbit(), (size, size)), None,
                                        self._level("matching"), False, None, True,
@@ -389,24 +392,31 @@ class Field:
 
     # -- notebooks --------------------------------------------------------------------------------
 
-    def show(self, page: Path | None = None, *, force: bool = False) -> View:
+    def show(self, page: Path | None = None, *, views: AnyViews = None,
+             force: bool = False) -> View:
         """The page of `slf view`, turned by the mouse, in a notebook; its `url` for a browser.
 
         A server on this machine sends the page the parts of the file that views need. It runs
         until the field is closed.
         page: where a browser on another machine cannot reach that server: a file .html beside the
             notebook, to write page and field to and to show.
+        views: saved views and notes that the page shows: a file, or what such a file has
+            (schemas/views.json).
         force: replace that file, or write into a folder that has files in it.
 
         Raises slf.UnsupportedError: slf was built without the page. slf.UsageError: `page` exists.
+        slf.BadFileError: `views` are none.
         """
         if self._structures is not None:
             raise UnsupportedError(f"{self.path}: a page shows a file, not what is composed of it")
         if page is not None:
-            export(self, page, force=force)
+            export(self, page, views=views, force=force)
             return View(path_text(page))
-        if self._server is None:
-            self._server = _slf.Server([self.path])
+        if self._server is None or views is not None:
+            server = _slf.Server([self.path], *_views(views))
+            if self._server is not None:
+                self._server.close()
+            self._server = server
             _with_threads.add(self)
         return View(self._server.url)
 
@@ -532,20 +542,28 @@ def diff(a: Field | Path, b: Field | Path, *, threads: int = 0,
         return _slf.diff(left._field, right._field, threads, report)
 
 
-def export(field: Field | Path, out: Path, *, force: bool = False,
+def _views(views: AnyViews) -> tuple[str, str | None]:
+    """A name for messages, and JSON, or None for the file of that name."""
+    if views is None:
+        return "", None
+    return ("views", json.dumps(views)) if isinstance(views, dict) else (path_text(views), None)
+
+
+def export(field: Field | Path, out: Path, *, views: AnyViews = None, force: bool = False,
            progress: Progress = None) -> None:
     """Writes the page that shows a field together with it.
 
     out: a path that ends in .html or .htm becomes one file, which opens from disk (fields up to
         1 GiB); any other a folder for a host of static files.
+    views: as in Field.show().
     force: replace that file, or write into a folder that has files in it.
 
-    Raises slf.UsageError: `out` exists.
+    Raises slf.UsageError: `out` exists. slf.BadFileError: `views` are none.
     """
     path = path_text(out)
     source = field.path if isinstance(field, Field) else path_text(field)
     with reporter(progress, "export") as report:
-        _slf.export_field(source, path, force, report)
+        _slf.export_field(source, path, *_views(views), force, report)
 
 
 def is_half(color_type: str) -> bool:

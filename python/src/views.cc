@@ -5,11 +5,14 @@
 
 #include <atomic>
 #include <memory>
+#include <optional>
 #include <string>
 #include <thread>
 #include <vector>
 
+#include "base/try.h"
 #include "module.h"
+#include "slf/field.h"
 #include "view/page.h"
 #include "view/server.h"
 #include "view/site.h"
@@ -20,10 +23,10 @@ namespace {
 /// Serves fields on a thread of its own until it is closed.
 class ViewServer {
  public:
-  explicit ViewServer(const Texts& fields)
-      : server_(
-            value_of(view::Server::make(std::vector<std::string>(fields.begin(), fields.end()), {}),
-                     fields.empty() ? Text() : fields.front())),
+  ViewServer(const Texts& fields, const view::ViewsFile& views)
+      : server_(value_of(view::Server::make(std::vector<std::string>(fields.begin(), fields.end()),
+                                            {.views = views}),
+                         fields.empty() ? Text() : fields.front())),
         thread_([this] { (void)server_.run([this] { return stop_.load(); }); }) {}
   ~ViewServer() { close(); }
   ViewServer(const ViewServer&) = delete;
@@ -46,10 +49,20 @@ void check_page() {
   if (view::page_files().empty()) throw Failure({ErrorCode::unsupported, view::no_page()}, "");
 }
 
-void export_field(const Text& field, const Text& output, bool force, py::object progress) {
+/// Views as Python has them: a name for messages, and JSON, or none to read the file of that name.
+view::ViewsFile views_of(const Text& name, const std::optional<Text>& json) {
+  if (name.empty()) return {};
+  return json ? view::ViewsFile{name, *json} : value_of(view::read_views(name), name);
+}
+
+void export_field(const Text& field, const Text& output, const Text& views,
+                  const std::optional<Text>& json, bool force, py::object progress) {
   LongCall call(std::move(progress));
-  call.value(field, [&] {
-    auto written = view::export_field(field, field, output,
+  const view::ViewsFile file = views_of(views, json);
+  call.value(field, [&]() -> Result<void> {
+    const auto opened = SLF_TRY(Field::open(field));
+    const auto checked = SLF_TRY(view::parse_views(file, opened.shape().sphere));
+    auto written = view::export_field(field, field, output, checked,
                                       force ? Existing::replace : Existing::keep, call.progress());
     if (!written && written.error().choice) written.error().message += "; force=True overwrites it";
     return written;
@@ -60,9 +73,9 @@ void export_field(const Text& field, const Text& output, bool force, py::object 
 
 void bind_views(py::module_& module) {
   py::class_<ViewServer>(module, "Server")
-      .def(py::init([](const Texts& fields) {
+      .def(py::init([](const Texts& fields, const Text& views, const std::optional<Text>& json) {
         check_page();
-        return std::make_unique<ViewServer>(fields);
+        return std::make_unique<ViewServer>(fields, views_of(views, json));
       }))
       .def_property_readonly("url", [](const ViewServer& server) { return Text(server.url()); })
       .def("close", &ViewServer::close);

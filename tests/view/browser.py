@@ -166,7 +166,7 @@ class Page:
 
     def canvas(self, path):
         """Writes the canvas as PNG."""
-        text = self.run("document.getElementById('picture').toDataURL('image/png')")
+        text = self.run("slf.root.getElementById('picture').toDataURL('image/png')")
         with open(path, "wb") as file:
             file.write(base64.b64decode(text.split(",", 1)[1]))
 

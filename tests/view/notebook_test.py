@@ -109,7 +109,7 @@ class NotebookTest(unittest.TestCase):
         page.settle()
         self.assertEqual(page.run("location.pathname"), "/field/")
         width, height = page.run("(({width, height}) => [width, height])"
-                                 "(document.getElementById('picture'))")
+                                 "(slf.root.getElementById('picture'))")
         self.assertGreater(min(width, height), 300)
         page.run("new Promise((done) => { addEventListener('hashchange', done, {once: true});"
                  " location.hash = 'view=30,20,3&mode=bitri&level=1'; }).then(() => 0)")

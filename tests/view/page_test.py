@@ -327,14 +327,12 @@ class PageTest(unittest.TestCase):
         folder = os.path.abspath(self.site())
         page = self.open("file://" + os.path.join(folder, "index.html"))
         page.wait("globalThis.slf?.state === 'asking'")
-        self.assertIn("Choose field.slf", page.run("document.getElementById('choose').innerText"))
-        page.call("DOM.enable")
-        root = page.call("DOM.getDocument")["root"]["nodeId"]
-        chooser = page.call("DOM.querySelector", nodeId=root, selector="#file")["nodeId"]
-        page.call("DOM.setFileInputFiles", nodeId=chooser,
+        self.assertIn("Choose field.slf", page.run("slf.root.getElementById('choose').innerText"))
+        chooser = page.call("Runtime.evaluate", expression="slf.root.getElementById('file')")
+        page.call("DOM.setFileInputFiles", objectId=chooser["result"]["objectId"],
                   files=[os.path.join(folder, "field.slf")])
         page.settle()
-        self.assertTrue(page.run("document.getElementById('choose').hidden"))
+        self.assertTrue(page.run("slf.root.getElementById('choose').hidden"))
         page.close()
 
     def test_a_folder_works_without_the_slash_at_its_end(self):
@@ -464,7 +462,7 @@ class PageTest(unittest.TestCase):
         with host("script-src 'none'") as strictest:
             page = self.open(strictest.url + "/one.html")
             page.wait("document.getAnimations().length > 0 && document.readyState === 'complete'")
-            status = "getComputedStyle(document.getElementById('status')).visibility"
+            status = "getComputedStyle(document.getElementById('late')).visibility"
             self.assertEqual(page.run(status), "hidden")
             page.run("document.getAnimations().forEach((animation) => animation.finish())")
             self.assertEqual(page.run(status), "visible")
@@ -486,9 +484,9 @@ class PageTest(unittest.TestCase):
         with Server(field) as server:
             page = self.browser.open(server.url, SIZE, SIZE)
             page.settle()
-            page.run("document.getElementById('about').click()")
+            page.run("slf.root.getElementById('about').click()")
             self.assertIn("maximum intensity projection",
-                          page.run("document.getElementById('facts-list').textContent"))
+                          page.run("slf.root.getElementById('facts-list').textContent"))
             page.close()
 
     def test_shows_fields_of_other_hosts(self):
@@ -512,7 +510,7 @@ class PageTest(unittest.TestCase):
             page.settle()
             self.assertEqual(page.run("slf.statistics().bytes"),
                              os.path.getsize(os.path.join(host.folder, "field.slf")))
-            self.assertEqual(page.run("document.getElementById('status').textContent"), "")
+            self.assertEqual(page.run("slf.root.getElementById('status').textContent"), "")
             page.close()
 
     def test_says_what_is_wrong(self):
@@ -526,7 +524,7 @@ class PageTest(unittest.TestCase):
             def message(host):
                 page = self.browser.open(host.url + "/index.html", SIZE, SIZE)
                 page.wait("globalThis.slf?.state === 'failed'", 60)
-                text = page.run("document.getElementById('status').textContent")
+                text = page.run("slf.root.getElementById('status').textContent")
                 page.close()
                 return text
 
@@ -545,13 +543,13 @@ class PageTest(unittest.TestCase):
             page = self.browser.open(server.url, 96, 96)
             page.settle()
             blank = page.run("""(async () => {
-              const canvas = document.getElementById('picture');
+              const canvas = slf.root.getElementById('picture');
               const gl = canvas.getContext('webgl2');
               const pixels = new Uint8Array(canvas.width * canvas.height * 4);
               let blank = 0;
               for (let i = 0; i < 360; ++i) {
                 slf.camera.turn(1, 0);
-                slf.changed();
+                slf.moved();
                 await new Promise((done) => requestAnimationFrame(done));
                 gl.bindFramebuffer(gl.FRAMEBUFFER, null);
                 gl.readPixels(0, 0, canvas.width, canvas.height, gl.RGBA, gl.UNSIGNED_BYTE, pixels);
@@ -571,15 +569,114 @@ class PageTest(unittest.TestCase):
             page = self.browser.open(server.url, SIZE, SIZE)
             page.settle()
             page.canvas(path("before.png"))
-            page.run("""globalThis.lose = document.getElementById('picture').getContext('webgl2')
+            page.run("""globalThis.lose = slf.root.getElementById('picture').getContext('webgl2')
                           .getExtension('WEBGL_lose_context'); lose.loseContext()""")
-            page.run("new Promise((done) => setTimeout(() => { lose.restoreContext(); done(); }, 300))")
+            page.run("new Promise((done) => setTimeout(done, 300)).then("
+                     "() => { lose.restoreContext(); })")
             page.run("new Promise((done) => setTimeout(done, 500))")
             page.settle()
             page.canvas(path("after.png"))
             found = json.loads(slf("compare", path("before.png"), path("after.png"), "--json"))
             self.assertTrue(found["equal"], found)
             page.close()
+
+    def test_a_film_of_loading_gets_only_better(self):
+        """Each frame at 10 Mbit/s beside the finished picture."""
+        folder, _ = self.counted_site()
+        with Host(folder, rate=1.25e6, delay=0.04) as host:
+            page = self.open(f"{host.url}/index.html#level=2&background=00ff00", script="""
+              globalThis.film = [];
+              const shoot = () => {
+                requestAnimationFrame(shoot);
+                const canvas = slf.root.getElementById('picture');
+                if (!globalThis.slf?.statistics().first || film.length > 200) return;
+                const gl = canvas.getContext('webgl2'), {width, height} = canvas;
+                const frame = new Uint8Array(width * height * 4), last = film.at(-1);
+                gl.bindFramebuffer(gl.READ_FRAMEBUFFER, null);
+                gl.readPixels(0, 0, width, height, gl.RGBA, gl.UNSIGNED_BYTE, frame);
+                if (!last || frame.some((v, i) => v !== last[i])) film.push(frame);
+              };
+              requestAnimationFrame(shoot);""")
+            page.settle()
+            page.wait("film.length > 1")
+            page.run("new Promise((done) => setTimeout(done, 1500))")
+            page.run("globalThis.finished = film, 0")
+            for level in [1, 0]:
+                page.run(f"slf.settings.level = '{level}', slf.moved(), film = [], 0")
+                page.settle()
+                page.run(f"globalThis.level{level} = film.at(-1), 0")
+            found = page.run("""(() => {
+              const coarse = level0, last = finished.at(-1), size = Math.sqrt(last.length / 4);
+              // How much of the background a pixel shows.
+              const green = (frame, i) => frame[i + 1] - Math.max(frame[i], frame[i + 2]);
+              const solid = Array.from({length: size * size}, (_, i) =>
+                [last, level1, coarse].every((frame) => green(frame, 4 * i) < 40));
+              const inside = [];  // offsets of pixels whose neighbours are solid too
+              for (let y = 2; y < size - 2; ++y)
+                for (let x = 2; x < size - 2; ++x) {
+                  let all = true;
+                  for (let v = -2; v <= 2; ++v)
+                    for (let u = -2; u <= 2; ++u) all &&= solid[(y + v) * size + x + u];
+                  if (all) inside.push(4 * (y * size + x));
+                }
+              const step = (frame, i, by) => Math.max(
+                ...[0, 1, 2].map((c) => Math.abs(frame[i + c] - frame[i + 4 * by + c])));
+              return [inside.length, finished.map((frame) => {
+                let error = 0;
+                for (let i = 0; i < frame.length; i += 4)
+                  for (let c = 0; c < 3; ++c) error += (frame[i + c] - last[i + c]) ** 2;
+                const mean = error / (0.75 * frame.length * 255 ** 2);
+                return {
+                  psnr: -10 * Math.log10(Math.max(mean, 1e-9)),
+                  emptier: inside.filter(
+                    (i) => green(frame, i) > Math.max(green(coarse, i), green(last, i)) + 16).length,
+                  steepest: Math.max(
+                    ...inside.map((i) => Math.max(step(frame, i, 1), step(frame, i, size)))),
+                };
+              })];
+            })()""", 120)
+            page.close()
+        print(*found, sep="\n", flush=True)
+        inside, frames = found
+        self.assertGreater(inside, 1000)
+        self.assertGreater(len(frames), 3)
+        for before, after in zip(frames, frames[1:]):
+            self.assertGreaterEqual(after["psnr"], before["psnr"] - 0.01)
+        for frame in frames:
+            self.assertEqual(frame["emptier"], 0)
+            self.assertLessEqual(frame["steepest"], frames[-1]["steepest"] + 4)
+
+    def test_an_outage_is_waited_out(self):
+        folder, _ = self.counted_site()
+
+        class Failing(Handler):
+            down = False
+
+            def do_GET(self):
+                if Failing.down and self.path.endswith(".slf"):
+                    self.close_connection = True
+                    return self.connection.shutdown(2)
+                return super().do_GET()
+
+        with Host(folder, rate=2e5, handler=Failing) as host:
+            page = self.open(host.url + "/index.html#level=2")
+            page.wait("globalThis.slf?.statistics().first")
+            Failing.down = True
+            page.wait("slf.root.getElementById('status').textContent.includes('Waiting')")
+            time.sleep(8)  # five attempts took three seconds
+            self.assertEqual(page.run("slf.state"), "loading")
+            Failing.down = False
+            page.settle()
+            self.assertEqual(page.run("slf.root.getElementById('status').textContent"), "")
+            page.close()
+
+    def test_the_panel_starts_folded_where_it_would_cover_much(self):
+        with Server(self.fields[0]) as server:
+            for size, folded in [((800, 600), True), ((1600, 1000), False)]:
+                page = self.browser.open(server.url, *size)
+                page.wait("['loading', 'settled'].includes(globalThis.slf?.state)")
+                self.assertEqual(page.run("slf.root.getElementById('settings').hidden"), folded)
+                page.close()
 
     def test_mouse_and_keys_move_the_camera(self):
         with Server(self.fields[0]) as server:
@@ -598,6 +695,214 @@ class PageTest(unittest.TestCase):
                 page.call("Input.dispatchKeyEvent", type="keyDown", key=key, text=key)
             self.assertEqual(page.run("slf.camera.distance"), 3)
             page.close()
+
+
+    # ---- explaining -----------------------------------------------------------------------------
+
+    def explained(self, views, field=None):
+        """slf view of a field with views, and the page."""
+        with open(path("views.json"), "w") as file:
+            json.dump(views, file)
+        return Server("--views", path("views.json"), field or self.fields[0])
+
+    @staticmethod
+    def press(page, key):
+        for kind in ["keyDown", "keyUp"]:
+            page.call("Input.dispatchKeyEvent", type=kind, key=key)
+
+    def test_saved_views_by_keyboard(self):
+        views = [{"title": f"View {i}", "text": "See https://example.org.",
+                  "orbit": [36 * i, 5 * i - 20, 2 + 0.1 * i]} for i in range(10)]
+        with self.explained({"views": views}) as server:
+            page = self.browser.open(server.url, SIZE, SIZE)
+            page.settle()
+            self.assertEqual(page.run("slf.camera.toText()"), "0,-20,2")
+            self.assertEqual(page.run("slf.root.querySelector('#text a').href"),
+                             "https://example.org/")
+            for i, key in [*((i, "PageDown") for i in range(1, 10)), (0, "PageDown"),
+                           (9, "PageUp")]:
+                self.press(page, key)
+                page.wait(f"slf.camera.toText() === '{36 * i},{5 * i - 20},{2 + 0.1 * i:g}'", 20)
+                self.assertEqual(page.run("slf.root.getElementById('title').textContent"),
+                                 f"View {i}")
+            page.run("location.hash = '#saved=4'")
+            page.wait("slf.camera.toText() === '108,-5,2.3'", 20)
+            page.close()
+
+    def test_notes_hide_behind_matter(self):
+        sphere = json.loads(slf("info", self.fields[0], "--json"))["sphere"]
+        found = json.loads(slf("pick", self.fields[0], "--orbit", "30,20,3", "--size", "256x256",
+                               "128,128", "--json"))["point"]
+        other = [2 * c - v for c, v in zip(sphere["center"], found)]
+        notes = [{"label": "here", "text": "More", "point": found},
+                 {"label": "there", "point": other}]
+        with self.explained({"notes": notes}) as server:
+            page = self.browser.open(server.url + "#view=30,20,3", SIZE, SIZE)
+            page.settle()
+            behind = ("[...slf.root.querySelectorAll('.note')].map("
+                      "(note) => note.classList.contains('behind')).join()")
+            page.wait(behind + " === 'false,true'", 10)
+            page.run("slf.flyTo('210,-20,3')")
+            page.wait(behind + " === 'true,false'", 20)
+            page.close()
+
+    def test_wrong_views_are_refused(self):
+        for content, place in [
+                ('{"views": [{"title": "a", "orbit": [0, 0, 0.5]}]}', "views[0].orbit: expected"),
+                ('{"views": [],\n "notes": [}', "line 2: this is no JSON"),
+                ('{"notes": [{"label": "a", "point": [1, 2]}]}', "notes[0].point: expected three"),
+                ('{"notes": [{"label": "a", "at": 1}]}', 'no member "at" is known'),
+                ('[]', 'expected an object with the lists "views" and "notes"')]:
+            with open(path("wrong.json"), "w") as file:
+                file.write(content)
+            for command in [["export", self.fields[0], "-o", path("wrong.html"), "-f"],
+                            ["view", self.fields[0]]]:
+                done = subprocess.run([SLF, "-q", *command, "--views", path("wrong.json")],
+                                      capture_output=True, text=True, timeout=30)
+                self.assertNotEqual(done.returncode, 0)
+                self.assertIn(place, done.stderr)
+                self.assertIn("wrong.json", done.stderr)
+
+    def test_the_ruler_measures_a_phantom(self):
+        """A cube of 12 voxels, from one face to the opposite one."""
+        field = path("phantom.slf")
+        with open(path("opaque.json"), "w") as file:
+            json.dump([{"Name": "Opaque", "ColorSpace": "RGB", "ScalarOpacityUnitDistance": 0.1,
+                        "Points": [0, 0, 0.5, 0, 104, 0, 0.5, 0, 106, 1, 0.5, 0, 255, 1, 0.5, 0],
+                        "RGBPoints": [0, 1, 0.9, 0.8, 255, 1, 0.9, 0.8]}], file)
+        slf("build", path("cube.raw"), "--dims", "24x24x24", "--spacing", "2x2x2", "--levels", 1,
+            "--transfer", path("opaque.json"), "--entry", 8, "--exit", 32, "-o", field, "-f")
+        with Server(field) as server:
+            page = self.browser.open(server.url + "#view=0,0,3&level=1", SIZE, SIZE)
+            page.settle()
+            self.press(page, "m")
+            for view in ["180,0,3", "90,0,3"]:
+                self.press(page, "Enter")
+                page.run(f"slf.flyTo('{view}')")
+                page.settle()
+            said = page.run("slf.root.getElementById('status').textContent")
+            length, error = map(float, said.removeprefix("Distance: ").split(" ± "))
+            self.assertLessEqual(abs(length - 24), 2)
+            self.assertLess(0, error)
+            self.assertLess(error, 4)
+            # The scale bar: pixels of its length, at the distance of the centre.
+            bar = page.run("""(() => {
+              const bar = slf.root.getElementById('scale');
+              return [parseFloat(bar.textContent), bar.querySelector('i').offsetWidth];
+            })()""")
+            radius = json.loads(slf("info", field, "--json"))["sphere"]["radius"]
+            self.assertAlmostEqual(bar[1], bar[0] * SIZE / (2 * 3 * 0.35355 * radius), delta=2)
+            page.close()
+
+    # ---- embedding ------------------------------------------------------------------------------
+
+    def test_two_elements_of_two_hosts_on_one_page(self):
+        """The package for npm, installed, on a page whose policy forbids inline scripts."""
+        if not shutil.which("npm"):
+            self.skipTest("no npm")
+        root = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..")
+        folder = path("embedding")
+        shutil.rmtree(folder, ignore_errors=True)
+        subprocess.run([os.path.join(root, "scripts/npm-package"), SLF, folder], check=True)
+        package, = [name for name in os.listdir(folder) if name.endswith(".tgz")]
+        subprocess.run(["npm", "install", "--silent", "--offline", "--prefix", folder,
+                        os.path.join(folder, package)], check=True)
+        site = self.site()
+        shutil.copy(os.path.join(site, "field.slf"), folder)
+        with Host(site, headers={"Access-Control-Allow-Origin": "*"}) as other:
+            with open(os.path.join(folder, "index.html"), "w") as file:
+                file.write(f"""<!doctype html><title>Two</title>
+<link rel="stylesheet" href="page.css">
+<slf-field id="a" src="field.slf" view="60,10,3"></slf-field><p>Text</p>
+<slf-field id="b" src="{other.url}/field.slf"></slf-field>
+<div class="far"></div><slf-field id="c" src="field.slf"></slf-field>
+<script type="module" src="page.js"></script>""")
+            with open(os.path.join(folder, "page.css"), "w") as file:
+                file.write("slf-field { width: 240px; height: 200px } .far { height: 3000px }")
+            with open(os.path.join(folder, "page.js"), "w") as file:
+                file.write("""globalThis.heard = [];
+for (const name of ['ready', 'camera', 'pick', 'error'])
+  document.addEventListener(name, ({type, target}) => heard.push(type + target.id));
+const {SlfField} = await import('./node_modules/slf-field/slf-field.js');
+globalThis.right = document.getElementById('a') instanceof SlfField;""")
+            policy = ("default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; worker-src blob:; "
+                      f"style-src 'self'; connect-src 'self' {other.url}")
+            with Host(folder, headers={"Content-Security-Policy": policy}) as host:
+                page = self.open(host.url + "/index.html")
+                page.wait("['a', 'b'].every((id) => document.getElementById(id).viewer?.state === "
+                          "'settled')")
+                self.assertTrue(page.run("right"))
+                heard = page.run("heard")
+                self.assertLessEqual({"readya", "readyb"}, set(heard))
+                self.assertNotIn("readyc", heard)  # out of sight
+                self.assertEqual(page.run("document.activeElement.tagName"), "BODY")
+                self.assertEqual(page.run("document.getElementById('a').viewer.camera.toText()"),
+                                 "60,10,3")
+                self.assertEqual(page.run("location.hash"), "")
+                page.call("Input.dispatchMouseEvent", type="mouseWheel", x=120, y=100, deltaX=0,
+                          deltaY=100)
+                page.wait("scrollY > 0")  # the page scrolls
+                self.assertEqual(page.run("document.getElementById('a').viewer.camera.distance"), 3)
+                page.run("document.getElementById('a').flyTo('10,0,2.5')", 20)
+                self.assertIn("cameraa", page.run("heard"))
+                self.assertTrue(page.run("document.getElementById('a').picture().then("
+                                         "(file) => file.type === 'image/png' && file.size > 500)"))
+                found = page.run("document.getElementById('a').pick(120, 100)")
+                self.assertEqual(len(found["point"]), 3)
+                self.assertIsNone(page.run("document.getElementById('a').pick(1, 1)"))
+                self.assertNotIn("errora", page.run("heard"))
+                page.close()
+
+    def test_an_exported_page_has_a_poster_and_needs_no_inline_script(self):
+        folder = self.site()
+        with open(os.path.join(folder, "index.html")) as file:
+            html = file.read()
+        self.assertIn('<meta property="og:image" content="poster.jpg">', html)
+        self.assertNotIn("<title>Sphere light field", html)
+        for name in ["poster.jpg", "poster-light.jpg"]:
+            self.assertLessEqual(os.path.getsize(os.path.join(folder, name)), 40 << 10)
+        policy = ("default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; worker-src blob:; "
+                  "style-src 'self'; connect-src 'self'; img-src 'self' data:")
+        with Host(folder, headers={"Content-Security-Policy": policy}) as host:
+            self.assertEqual(self.outcome(host.url + "/index.html", "settled"), "")
+
+    # ---- access ---------------------------------------------------------------------------------
+
+    def test_access(self):
+        """axe-core, and the size of all targets, on a desktop and on a phone."""
+        axe = path("axe/node_modules/axe-core/axe.min.js")
+        if not os.path.exists(axe) and (not shutil.which("npm") or subprocess.run(
+                ["npm", "install", "--silent", "--prefix", path("axe"), "axe-core@4"],
+                timeout=120).returncode):
+            self.skipTest("no axe-core: npm cannot install it here")
+        with open(axe) as file:
+            script = file.read()
+        views = {"views": [{"title": "Left", "text": "A text", "orbit": [90, 0, 3]}],
+                 "notes": [{"label": "Note", "text": "More", "point": [0, 0, 0]}]}
+        with self.explained(views) as server:
+            for (width, height), dark in [((1280, 800), True), ((1280, 800), False),
+                                          ((390, 844), True), ((390, 844), False)]:
+                page = self.browser.open(server.url, width, height, dark=dark)
+                page.settle()
+                if page.run("slf.root.getElementById('settings').hidden"):
+                    self.press(page, "h")
+                page.run(script + "; 0")
+                found = page.run("""axe.run(document, {runOnly: [
+                    'wcag2a', 'wcag2aa', 'wcag21a', 'wcag21aa', 'wcag22aa']}).then(
+                    ({violations}) => violations.map(({id, nodes}) =>
+                      [id, ...nodes.map(({target, failureSummary}) =>
+                        [target.flat().join(' '), failureSummary])]))""", 120)
+                with self.subTest(width=width, dark=dark):
+                    self.assertEqual(found, [])
+                    small = page.run("""[...slf.root.querySelectorAll(
+                        'button, select, input, label')]
+                      .filter((e) => e.offsetParent && !e.closest('label label, .check input'))
+                      .filter((e) => !e.closest('label') || e.matches('label'))
+                      .map((e) => [e.id || e.textContent.trim(), e.getBoundingClientRect()])
+                      .filter(([, {width, height}]) => Math.min(width, height) < 43.5)
+                      .map(([name, {width, height}]) => `${name} ${width} ${height}`)""")
+                    self.assertEqual(small, [])
+                page.close()
 
 
 FOV = 2 * 19.471220634490695  # degrees: asin(1/3), twice

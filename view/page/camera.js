@@ -5,7 +5,8 @@ const kRadians = Math.PI / 180;
 export const kFirst = {azimuth: 30, elevation: 20, distance: 3, target: [0, 0, 0]};
 const kMinDistance = 1.02, kMaxDistance = 20;
 
-const add = (a, b, t = 1) => a.map((v, i) => v + t * b[i]);
+export const add = (a, b, t = 1) => a.map((v, i) => v + t * b[i]);
+export const dot = (a, b) => a.reduce((sum, v, i) => sum + v * b[i], 0);
 const clamp = (v, low, high) => Math.min(Math.max(v, low), high);
 
 export class Camera {
@@ -13,8 +14,20 @@ export class Camera {
 
   reset() {
     Object.assign(this, structuredClone(kFirst));
+    this.rest();
+  }
+  rest() {
     this.speed = [0, 0];  // degrees a second
     this.spins = false;
+  }
+  // Goes to a place between two others; s from 0 to 1. Turns the shorter way.
+  between(from, to, s) {
+    const mix = (a, b) => a + s * (b - a);
+    const turn = ((to.azimuth - from.azimuth) % 360 + 540) % 360 - 180;
+    this.azimuth = ((from.azimuth + s * turn) % 360 + 360) % 360;
+    this.elevation = mix(from.elevation, to.elevation);
+    this.distance = from.distance * (to.distance / from.distance) ** s;
+    this.target = from.target.map((v, i) => mix(v, to.target[i]));
   }
 
   turn(azimuth, elevation) {
@@ -57,8 +70,9 @@ export class Camera {
     const parts = [this.azimuth, this.elevation, this.distance];
     return [...parts, ...(this.target.some((v) => v !== 0) ? this.target : [])].map(n).join(',');
   }
+  // Changes nothing if the text is not what toText() returns.
   fromText(text) {
-    const v = text.split(',').map(Number);
+    const v = String(text).split(',').map(Number);
     if (![3, 6].includes(v.length) || !v.every(Number.isFinite)) return;
     this.reset();
     this.azimuth = (v[0] % 360 + 360) % 360;

@@ -1,13 +1,15 @@
 // Lets mouse, touch, pen and keys move the camera.
 
+import {calm} from './viewer.js';
+
 const kTurn = 180;   // degrees for a drag across the smaller side of the picture
 const kStep = 6;     // degrees for one press of a key
 const kDoubleTap = 300, kTapMoves = 6;  // milliseconds, pixels
 
-const calm = matchMedia('(prefers-reduced-motion: reduce)');
-
-// Calls `moved` after each change. `keys` maps further keys to functions: {r: function, …}.
-export function attach(canvas, camera, moved, keys) {
+// Calls `moved` after each change, and `tap(x, y)` when the canvas is clicked. `wheels()`: whether
+// the wheel zooms. `hears` is what keys are pressed in; `keys` maps further ones to functions:
+// {r: function, …}.
+export function attach(canvas, camera, {moved, tap, wheels, hears, keys}) {
   const pointers = new Map();
   let last = 0, lastTap = 0, travelled = 0;
 
@@ -59,6 +61,7 @@ export function attach(canvas, camera, moved, keys) {
         lastTap = 0;
       } else {
         lastTap = now;
+        if (event.type === 'pointerup') tap(event.offsetX, event.offsetY);
       }
     }
     moved();
@@ -67,6 +70,7 @@ export function attach(canvas, camera, moved, keys) {
   canvas.addEventListener('pointercancel', end);
   canvas.addEventListener('contextmenu', (event) => event.preventDefault());
   canvas.addEventListener('wheel', (event) => {
+    if (!wheels()) return;
     event.preventDefault();
     const pixels = event.deltaY * (event.deltaMode === 1 ? 33 : event.deltaMode === 2 ? 400 : 1);
     camera.zoom(Math.exp(Math.min(Math.max(pixels, -300), 300) * 0.0015));
@@ -74,17 +78,17 @@ export function attach(canvas, camera, moved, keys) {
   }, {passive: false});
 
   const arrows = {ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1]};
-  addEventListener('keydown', (event) => {
+  hears.addEventListener('keydown', (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey) return;
-    if (event.target.closest?.('button, select, input, dialog')) return;
+    if (event.composedPath()[0].closest?.('a, button, select, input, dialog')) return;
     const arrow = arrows[event.key];
     if (arrow && event.shiftKey) camera.pan(-arrow[0] * 0.04, arrow[1] * 0.04);
     else if (arrow) camera.turn(arrow[0] * kStep, arrow[1] * kStep);
     else if (event.key === '+' || event.key === '=') camera.zoom(0.9);
     else if (event.key === '-') camera.zoom(1 / 0.9);
-    else if (keys[event.key.toLowerCase()]) keys[event.key.toLowerCase()]();
-    else return;
+    else if (!keys[event.key.toLowerCase()]) return;
     event.preventDefault();
-    moved();
+    if (keys[event.key.toLowerCase()]) keys[event.key.toLowerCase()]();
+    else moved();
   });
 }

@@ -9,25 +9,31 @@ const kBatches = 2;   // batches at a time: one is fetched while another is deco
 
 // Loads the tiles that want() names, in their order, into the slots of the renderer.
 export class Loader {
-  constructor(field, renderer, decoders, onChange, onError) {
-    Object.assign(this, {field, renderer, onChange, onError});
-    this.reader = new Reader(field, decoders, (tile) => this.place(tile, false));
+  // restart() tells where tiles are put.
+  constructor(field, decoders, onError) {
+    Object.assign(this, {field, onError});
+    this.reader = new Reader(field, decoders, async (tile) => {
+      await this.opened;
+      this.place(tile, false);
+    });
     this.pages = new Uint16Array(field.shape.pages);  // as the GPU's page table
     this.loading = new Set();
     this.plan = [];
     this.used = new Map();  // page with a slot → when it was last needed; the oldest first
-    this.free = Array.from({length: renderer.slots}, (_, i) => renderer.slots - 1 - i);
+    this.opened = new Promise((done) => { this.open = done; });
     this.now = 0;
     this.damaged = 0;
+    this.arrivals = 0;  // tiles that came
     this.full = false;  // whether a view needed more tiles than there are slots
     this.batches = 0;   // that are being loaded now
   }
 
   get tiles() { return this.used.size; }
 
-  // After a lost context: the page table and the slots are empty again.
+  // The page table and the slots of this renderer are empty.
   restart(renderer) {
     this.renderer = renderer;
+    this.open();
     this.pages.fill(kNotLoaded);
     this.used.clear();
     this.free = Array.from({length: renderer.slots}, (_, i) => renderer.slots - 1 - i);
@@ -60,7 +66,11 @@ export class Loader {
         const pages = this.plan.splice(0, batch);
         for (const page of pages) this.loading.add(page);
         await Promise.all(
-          this.reader.read(pages).map(async (ready) => this.place(await ready)));
+          this.reader.read(pages).map(async (ready) => {
+            const tile = await ready;
+            await this.opened;
+            this.place(tile);
+          }));
         for (const page of pages) this.loading.delete(page);
       }
     } catch (error) {
@@ -68,7 +78,6 @@ export class Loader {
       this.onError(error);
     }
     --this.batches;
-    this.onChange();
   }
 
   // Puts a tile into a slot. `needed`: the view needs it, not only tiles that are predicted from
@@ -89,7 +98,7 @@ export class Loader {
     }
     this.pages[page] = value;
     this.renderer.setPage(page, value);
-    this.onChange();
+    ++this.arrivals;
   }
 
   // Frees the slot of the least recently needed tile and returns it. Level 0 stays.

@@ -6,7 +6,9 @@ const kFooter = 48;               // bytes of the footer of an index
 const kChanged = 'The field has changed on its host. Reload the page.';
 const kEnd = 64 << 10;           // bytes of its end, where an index may be
 const kSmallFile = 'style.css';  // of the page, on the same host as the field
-const kRetries = 4;
+const kRetries = 4;               // of a request before the field is open; then there is no limit
+const kLongPause = 5000;          // milliseconds: the longest time before the next try
+const kSilent = 20000;            // an answer of which nothing comes for so long is given up
 const kMaxWhole = 64 << 20;      // bytes of a field that is fetched whole, without ranges
 
 // Requests for single ranges
@@ -22,12 +24,16 @@ const kMaxShared = 600;          // at a time; browsers refuse several thousand
 // These, and requests for several ranges
 const kPartHead = 160;           // bytes that each range costs in the head of an answer
 const kMaxParts = 80;            // ranges of one request; hosts refuse more than 200
-const kAnswerBytes = 512 << 10;  // in one answer, about
+const kAnswerBytes = 1 << 20;    // in one answer, about
 const kMaxReserved = 1 << 26;    // reserved at once for an answer, whatever length it states
 
 const kMixed = /^multipart\/byteranges/i;
 
 const sleep = (ms) => new Promise((done) => setTimeout(done, ms));
+
+// Ends early when the browser is online again.
+const pause = (ms) => Promise.race([
+  sleep(ms), new Promise((done) => addEventListener('online', done, {once: true}))]);
 
 const kNoRanges = 'The host of this field does not serve parts of files (HTTP ranges). ';
 const kTooLarge = kNoRanges + 'Without them, a field of at most 64 MiB is fetched whole, and ' +
@@ -36,11 +42,12 @@ const kCutShort = 'The host cut an answer short.';
 
 // A file on a host of static files, read by ranges. Without ranges, a small file is fetched whole.
 export class HttpSource {
-  // `onProgress(done, total)` is called while a file is fetched whole; NaN: the total is unknown.
-  // `onError(error)`: the file has changed after parts of it were read.
-  constructor(url, onProgress, onError) {
+  // `small`: style.css is on the same host. `onProgress(done, total)` is called while a file is
+  // fetched whole; NaN: the total is unknown. `onError(error)`: the file has changed after parts of
+  // it were read. `onWait(waits)`: the host is silent, or answers again.
+  constructor(url, {small = true, onProgress, onError, onWait} = {}) {
     this.url = new URL(url, document.baseURI);
-    Object.assign(this, {onProgress, onError});
+    Object.assign(this, {small, onProgress, onError, onWait});
     this.bytes = this.requests = 0;
     this.roundTrips = 0;  // the longest chain of answers, each before the next request
     this.kept = [];       // answers with bytes that were not asked for, the oldest first
@@ -55,7 +62,7 @@ export class HttpSource {
   async readEnds() {
     const came = (answer) => answer.whole && this.onProgress?.(answer.have, answer.length);
     const [several, start, tail] = await Promise.all([
-      servesSeveral(this.beside ? kSmallFile : this.url),
+      servesSeveral(this.small && this.beside ? kSmallFile : this.url),
       this.request(`0-${kStart - 1}`, {orWhole: true, came}),
       this.request(`-${kEnd}`, {retries: 0}).catch(() => {})]);
     if (start.parts.length === 0) throw new Error('The field is empty.');
@@ -159,17 +166,23 @@ export class HttpSource {
 
   // Requests ranges, and repeats a request that may succeed later. Refuses an answer with the whole
   // file, unless it may be that (`orWhole`); then the result has no parts.
-  async request(ranges, {orWhole = false, came = () => {}, retries = kRetries} = {}) {
+  async request(ranges, {orWhole = false, came = () => {}, retries} = {}) {
+    retries ??= this.check ? Infinity : kRetries;
     const trip = this.roundTrips + 1;
     for (let attempt = 0;; ++attempt) {
       const stop = new AbortController();
-      let wrong;
+      let wrong, timer;
+      const awaited = (promise) => {
+        clearTimeout(timer);
+        timer = setTimeout(() => stop.abort(), kSilent);
+        return promise;
+      };
       const refuse = (text) => { throw new Error(wrong = text); };
       try {
         ++this.requests;
         // A browser's cache would split a range around the parts of it that it has.
-        const response = await fetch(this.url, {headers: {Range: 'bytes=' + ranges},
-                                                cache: 'no-store', signal: stop.signal});
+        const response = await awaited(fetch(this.url, {
+          headers: {Range: 'bytes=' + ranges}, cache: 'no-store', signal: stop.signal}));
         const {status, headers} = response, answer = new Answer(response, ranges, orWhole);
         if (status === 206) {
           const tag = headers.get('ETag') ?? headers.get('Last-Modified');
@@ -181,8 +194,9 @@ export class HttpSource {
             stop.abort();
             refuse(kTooLarge);
           }
-          const {value, done} = await reader.read();
+          const {value, done} = await awaited(reader.read());
           if (done) return answer;
+          if (this.waits) this.onWait?.(this.waits = false);
           this.bytes += value.length;
           this.roundTrips = Math.max(this.roundTrips, trip);
           answer.add(value);
@@ -195,9 +209,12 @@ export class HttpSource {
       } catch (error) {
         if (error.message === wrong) throw error;
         wrong = this.silence();
+      } finally {
+        clearTimeout(timer);
       }
       if (attempt === retries) throw new Error(wrong);
-      await sleep(200 * 2 ** attempt);
+      if (attempt > 0 && !this.waits) this.onWait?.(this.waits = true);
+      await pause(Math.min(200 * 2 ** attempt, kLongPause));
     }
   }
   // Why there may be no answer; browsers do not tell.
@@ -220,7 +237,7 @@ async function servesSeveral(url) {
   const stop = new AbortController();
   try {
     const {status, headers} = await fetch(url, {
-      headers: {Range: 'bytes=0-0,1000-1000'}, cache: 'no-store', signal: stop.signal});
+      headers: {Range: 'bytes=0-0,200-200'}, cache: 'no-store', signal: stop.signal});
     return status === 206 && kMixed.test(headers.get('Content-Type') ?? '');
   } catch {
     return false;

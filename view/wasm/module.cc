@@ -122,17 +122,29 @@ const std::uint32_t* list(std::span<const TileKey> keys) {
   return m.tiles.data();
 }
 
-/// The tile of level 0 with the greatest weight for a ray; none if the ray misses the unit sphere.
-std::optional<TileKey> first_tile(const glm::dvec3& eye, const glm::dvec3& direction) {
-  const Chord chord = intersect(Sphere{}, eye, direction);
-  if (!chord.hit || chord.leave <= 0) return std::nullopt;
+/// Adds the tiles of level 0 that a ray needs, wherever on its chord it meets something.
+void add_first_tiles(const glm::dvec3& eye, const glm::dvec3& along, std::set<TileKey>& tiles) {
+  const Chord chord = intersect(Sphere{}, eye, along);
+  if (!chord.hit || chord.leave <= 0) return;
   const LevelGeometry& level = geometry(0);
-  const Cell entry = locate(eye + chord.enter * direction, level.entry_resolution());
-  const Cell exit = locate(eye + chord.leave * direction, level.exit_resolution());
-  const auto heaviest =
-      std::max_element(entry.weights.begin(), entry.weights.end()) - entry.weights.begin();
-  const OctantPoint vertex = entry.corners()[static_cast<std::size_t>(heaviest)];
-  return key_of(0, level.entry_row(entry.octant, vertex).section, level.exit_cell(exit).section);
+  const auto at = [&](double t) {
+    return eye + (chord.enter + t * (chord.leave - chord.enter)) * along;
+  };
+  const Cell entry = locate(at(0), level.entry_resolution());
+  const auto add = [&](std::uint32_t section, const glm::dvec3& exit) {
+    tiles.insert(
+        key_of(0, section, level.exit_cell(locate(exit, level.exit_resolution())).section));
+  };
+  for (std::size_t k = 0; k < 3; ++k) {
+    const OctantPoint corner = entry.corners()[k];
+    const std::uint32_t section = level.entry_row(entry.octant, corner).section;
+    const glm::dvec3 from = direction(to_vertex(entry.octant, corner, level.entry_resolution()));
+    add(section, at(1));
+    for (const double t : {0.1, 0.3, 0.5, 0.7, 0.9}) {
+      const glm::dvec3 v = at(t) - from;
+      add(section, from - 2 * dot(from, v) / dot(v, v) * v);
+    }
+  }
 }
 
 Result<void> parse_manifest(ByteSpan bytes, const std::string& name) {
@@ -259,9 +271,8 @@ SLF_EXPORT(slf_exit_path_count) std::size_t slf_exit_path_count(unsigned level) 
   return geometry(level).exit_paths().size();
 }
 
-/// Lists the tiles of level 0 that a view needs first, as slf_with_ancestors() does: of each of
-/// `across` × `across` rays, the tile with the greatest weight. The buffer holds four vectors of
-/// three f64, in radii from the sphere's centre: the eye, the direction of the picture's centre,
+/// Lists the tiles of level 0 that a view needs first, as slf_with_ancestors() does: those of
+/// `across` × `across` rays. The buffer holds four vectors of three f64, in radii from the sphere's centre: the eye, the direction of the picture's centre,
 /// and what leads from there to its right and to its lower edge.
 SLF_EXPORT(slf_first_tiles) const std::uint32_t* slf_first_tiles(std::uint32_t across) {
   std::array<glm::dvec3, 4> view;
@@ -271,8 +282,7 @@ SLF_EXPORT(slf_first_tiles) const std::uint32_t* slf_first_tiles(std::uint32_t a
   std::set<TileKey> tiles;
   for (std::uint32_t y = 0; y < across; ++y)
     for (std::uint32_t x = 0; x < across; ++x)
-      if (const auto tile = first_tile(eye, forward + place(x) * right + place(y) * down))
-        tiles.insert(*tile);
+      add_first_tiles(eye, forward + place(x) * right + place(y) * down, tiles);
   return list(std::vector(tiles.begin(), tiles.end()));
 }
 

@@ -1,0 +1,204 @@
+// Explain: saved views, notes on the surface, the ruler and the scale bar.
+
+import {add, Camera} from './camera.js';
+
+const kSwipe = 40;      // pixels that a swipe moves at least
+const kProbe = 120;     // milliseconds between looks at which notes have matter in front of them
+const kBehind = 0.03;   // radii that a note may lie below the surface
+const kBar = 120;       // pixels: the longest scale bar
+
+// Shows plain text, with its addresses as links.
+function fill(element, text = '') {
+  element.replaceChildren(...text.split(/(https?:\/\/[^\s<>]*[^\s<>.,;:!?)])/).map((part, i) =>
+    i % 2 === 0 ? part
+      : Object.assign(document.createElement('a'),
+                      {href: part, textContent: part, target: '_blank', rel: 'noopener'})));
+}
+
+// A number with as many digits as its error leaves.
+function rounded(value, error) {
+  const digits = Math.max(0, Math.min(6, Math.ceil(-Math.log10(error || 1e-6))));
+  return `${value.toFixed(digits)} ± ${error.toFixed(digits)}`;
+}
+
+export class Explain {
+  // `byId` finds parts of the element; `say(text)` tells something, `hint(text)` for a moment;
+  // `linked`: views have addresses.
+  constructor(viewer, byId, say, hint, linked) {
+    Object.assign(this, {viewer, byId, say, hint, linked, views: [], notes: [], marks: [], at: -1});
+    this.tool = undefined;  // 'ruler' or 'mark': what a click on the surface does
+    byId('previous').onclick = () => this.go(this.at - 1);
+    byId('next').onclick = () => this.go(this.at + 1);
+    byId('ruler').onclick = () => this.use('ruler');
+    byId('mark').onclick = () => this.use('mark');
+    byId('copy').onclick = () => this.copy(this.currentView(), 'This view');
+    const bar = byId('views');
+    let from;
+    bar.onpointerdown = ({clientX}) => { from = clientX; };
+    bar.onpointerup = ({clientX}) => {
+      if (Math.abs(clientX - from) > kSwipe) this.go(this.at + (clientX < from ? 1 : -1));
+    };
+    bar.onkeydown = ({key}) => {
+      const by = {ArrowLeft: -1, ArrowRight: 1}[key];
+      if (by) this.go(this.at + by);
+    };
+  }
+  get sphere() { return this.viewer.field.manifest.sphere; }
+  // From world units to radii from the sphere's centre, and back.
+  inward(point) { return point.map((v, i) => (v - this.sphere.center[i]) / this.sphere.radius); }
+  outward(point) { return point.map((v, i) => this.sphere.center[i] + v * this.sphere.radius); }
+
+  // Takes the content of views.json (schemas/views.json), which slf has checked.
+  take({views = [], notes = []}) {
+    this.views = views.map((view) => ({
+      ...view, camera: [...view.orbit, ...(view.target ? this.inward(view.target) : [])].join()}));
+    this.byId('views').hidden = views.length === 0;
+    if (views.length > 0) this.tell(0);
+    this.notes = notes.map(({label, text, point}) => {
+      const [element, button, more] = ['div', 'button', 'p'].map((n) => document.createElement(n));
+      const note = {element, point: this.inward(point)};
+      element.className = 'note';
+      button.textContent = label;
+      fill(more, text);
+      more.hidden = true;
+      if (text) button.setAttribute('aria-expanded', 'false');
+      button.onclick = () => {
+        if (!text) return;
+        more.hidden = !more.hidden;
+        button.setAttribute('aria-expanded', String(!more.hidden));
+      };
+      button.onfocus = () => note.behind && button.matches(':focus-visible') && this.face(note);
+      element.append(button, more);
+      this.byId('notes').append(element);
+      return note;
+    });
+    this.place();
+  }
+  // Turns the camera so that it sees a note.
+  face({point: [x, y, z]}) {
+    const camera = new Camera();
+    camera.fromText(this.viewer.camera.toText());
+    camera.azimuth = Math.atan2(x, -y) * 180 / Math.PI;
+    camera.elevation = Math.atan2(z, Math.hypot(x, y)) * 180 / Math.PI;
+    this.viewer.flyTo(camera.toText());
+  }
+
+  // Flies to a saved view, if there are any.
+  go(number) {
+    if (this.views.length === 0 || !(number >= -1)) return;
+    const at = (number + this.views.length) % this.views.length;
+    this.tell(at);
+    this.viewer.flyTo(this.views[at].camera);
+  }
+  tell(at) {
+    this.at = at;
+    const {title, text} = this.views[at], link = this.byId('title');
+    link.textContent = title;
+    if (this.linked) link.href = `#saved=${at + 1}`;
+    this.byId('count').textContent = `${at + 1} of ${this.views.length}`;
+    fill(this.byId('text'), text);
+  }
+  currentView() {
+    const {azimuth, elevation, distance, target} = this.viewer.camera;
+    const round = (v) => Math.round(v * 1e3) / 1e3;
+    return {title: 'Title', text: '', orbit: [azimuth, elevation, distance].map(round),
+            ...(target.some((v) => v !== 0) && {target: this.outward(target).map(round)})};
+  }
+  async copy(value, name) {
+    const text = JSON.stringify(value);
+    try {
+      await navigator.clipboard.writeText(text);
+      this.hint(`${name} is on the clipboard, for views.json.`);
+    } catch {
+      this.say(text);
+    }
+  }
+
+  // ---- picking and measuring --------------------------------------------------------------------
+
+  // Begins to use a tool, or ends it.
+  use(tool) {
+    this.tool = this.tool === tool ? undefined : tool;
+    for (const name of ['ruler', 'mark'])
+      this.byId(name).setAttribute('aria-pressed', String(this.tool === name));
+    this.byId('picture').classList.toggle('picks', this.tool !== undefined);
+    this.byId('cross').hidden = !this.tool;
+    this.marks = [];
+    this.place();
+    this.say(!this.tool ? '' : `Click ${tool === 'ruler' ? 'two points' : 'a point'} of the ` +
+             'surface, or press Enter for the one in the middle.');
+  }
+  // A click on the surface, at a result of Viewer.pick().
+  picked(found) {
+    if (!this.tool) return;
+    if (!found) return this.say('Nothing opaque is there.');
+    if (this.tool === 'mark')
+      return this.copy({label: 'Label', text: '', point: found.point.map((v) => +v.toFixed(3))},
+                       'The note');
+    this.marks = [...this.marks.slice(this.marks.length === 2 ? 2 : 0), found];
+    this.place();
+    if (this.marks.length === 2) this.say(this.length().text);
+  }
+  // Between the two points of the ruler, in world units.
+  length() {
+    const [a, b] = this.marks, length = Math.hypot(...add(a.point, b.point, -1));
+    const error = Math.hypot(a.uncertainty, b.uncertainty);
+    return {length, error, text: `Distance: ${rounded(length, error)}`};
+  }
+
+  // Puts notes, ruler and scale bar where they belong in the view.
+  place() {
+    const {viewer, notes} = this;
+    if (!viewer.field?.shape) return;
+    for (const note of notes) {
+      const {x, y, far} = Object.assign(note, viewer.project(note.point));
+      note.element.style.transform = `translate(${x.toFixed(1)}px, ${y.toFixed(1)}px)`;
+      if (far <= 0) this.hide(note, true);
+    }
+    this.byId('lines').replaceChildren(...this.ruler());
+    this.scale();
+    const now = performance.now();
+    if (now - (this.probed ?? 0) > kProbe) this.probe();
+    else this.later ??= setTimeout(() => this.probe(), kProbe);
+  }
+  // Hides the notes that have matter in front of them.
+  probe() {
+    clearTimeout(this.later);
+    this.later = undefined;
+    const {viewer} = this, notes = this.notes.filter(({far}) => far > 0);
+    if (notes.length === 0 || !viewer.first || viewer.lost || !viewer.field.shape.hasDepth) return;
+    this.probed = performance.now();
+    const found = viewer.probe(notes.map(({x, y}) => [x, y]));
+    notes.forEach((note, i) => this.hide(note, found[i]?.distance < note.distance - kBehind));
+  }
+  hide(note, behind) {
+    note.behind = behind;
+    note.element.classList.toggle('behind', behind);
+  }
+  ruler() {
+    const shape = (name, values) => {
+      const element = document.createElementNS('http://www.w3.org/2000/svg', name);
+      for (const [key, value] of Object.entries(values)) element.setAttribute(key, value);
+      return element;
+    };
+    const ends = this.marks.map(({point}) => this.viewer.project(this.inward(point)));
+    const [a, b] = ends;
+    return [...(b ? [shape('line', {x1: a.x, y1: a.y, x2: b.x, y2: b.y})] : []),
+            ...ends.map(({x, y}) => shape('circle', {cx: x, cy: y, r: 5}))];
+  }
+  // A bar of a round length, as it appears at the point that the camera orbits.
+  scale() {
+    const {camera, canvas} = this.viewer, {clientWidth, clientHeight} = canvas;
+    const {half} = camera.axes(clientWidth, clientHeight);
+    const unit = clientHeight / (2 * half * camera.distance * this.sphere.radius);  // in pixels
+    const ten = 10 ** Math.floor(Math.log10(kBar / unit));
+    const length = [5, 2, 1].map((n) => n * ten).find((v) => v * unit <= kBar);
+    const bar = this.byId('scale'), line = document.createElement('i');
+    bar.hidden = false;
+    bar.textContent = String(Number(length.toPrecision(3)));
+    bar.setAttribute('aria-label', `Scale: the bar is ${bar.textContent} units of the volume long`);
+    bar.title = 'In units of the volume, at the centre of the view';
+    line.style.width = `${length * unit}px`;
+    bar.append(line);
+  }
+}

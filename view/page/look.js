@@ -1,0 +1,211 @@
+// What <slf-field> consists of, and how it looks.
+
+export const kMarkup = `
+<slot name="poster"></slot>
+<canvas id="picture" tabindex="0" role="img" aria-describedby="keys"
+  aria-label="The field, seen from a camera that you can move"></canvas>
+<svg id="lines" aria-hidden="true"></svg>
+<div id="notes"></div>
+<div id="cross" aria-hidden="true" hidden></div>
+<div id="compass" aria-hidden="true" hidden></div>
+<div id="scale" role="img" hidden></div>
+<p id="keys" class="unseen">Arrow keys turn the view, plus and minus zoom, Shift with arrow keys
+moves it, R resets it, Space turns it by itself, F fills the screen, H hides the panel, Page Up and Page
+Down show the saved views, M measures.</p>
+<aside id="panel" aria-label="Settings">
+  <header>
+    <h2 id="name">Loading…</h2>
+    <button id="fold" type="button" aria-expanded="true" aria-controls="settings"
+      aria-label="Settings" title="Hide or show the panel (H)">–</button>
+  </header>
+  <div id="settings">
+    <dl>
+      <dt>Loaded</dt><dd id="bytes">–</dd>
+      <dt>Tiles</dt><dd id="tiles">–</dd>
+      <dt>Frames a second</dt><dd id="rate">–</dd>
+    </dl>
+    <label>Mode <select id="mode">
+      <option value="depth">depth</option>
+      <option value="bitri">bitri</option>
+    </select></label>
+    <label>Level <select id="level"><option value="auto">auto</option></select></label>
+    <div id="tones" hidden>
+      <label>Tones <select id="curve">
+        <option value="neutral">neutral</option>
+        <option value="srgb">srgb</option>
+        <option value="none">none</option>
+      </select></label>
+      <label>Exposure
+        <input id="exposure" type="range" min="-6" max="6" step="0.25" value="0"></label>
+    </div>
+    <label>Background <input id="background" type="color" value="#000000"></label>
+    <div class="buttons">
+      <label class="check"><input id="marks" type="checkbox"> Directions</label>
+      <label class="check"><input id="spin" type="checkbox"> Turn by itself</label>
+      <button id="reset" type="button" title="R">Reset</button>
+      <button id="full" type="button" title="F">Full screen</button>
+      <button id="ruler" type="button" aria-pressed="false" title="M">Measure</button>
+      <button id="save" type="button">Save picture</button>
+      <button id="link" type="button">Copy link</button>
+      <button id="copy" type="button">Copy this view</button>
+      <button id="mark" type="button" aria-pressed="false">Copy a note</button>
+      <button id="about" type="button">About the data</button>
+    </div>
+  </div>
+</aside>
+<nav id="views" aria-label="Saved views" hidden>
+  <button id="previous" type="button" aria-label="Previous view" title="Page Up">‹</button>
+  <div aria-live="polite"><a id="title"></a> <span id="count"></span><p id="text"></p></div>
+  <button id="next" type="button" aria-label="Next view" title="Page Down">›</button>
+</nav>
+<p id="status" role="status" aria-live="polite"></p>
+<p id="choose" hidden>A page from disk may not read the files beside it. Choose <b>field.slf</b> in
+the folder of this page: <input id="file" type="file" accept=".slf" aria-label="Field"></p>
+<dialog id="facts" aria-labelledby="facts-title">
+  <h2 id="facts-title">About the data</h2>
+  <dl id="facts-list"></dl>
+  <form method="dialog"><button>Close</button></form>
+</dialog>`;
+
+export const kStyle = `
+:host {
+  color-scheme: dark light;
+  --ink: #e8eaed; --dim: #b3b9c3; --panel: rgb(24 27 32 / 88%); --line: rgb(255 255 255 / 22%);
+  --accent: #7db4ff;
+  display: block; position: relative; min-height: 120px; overflow: hidden; container-type: size;
+  color: var(--ink); font: 14px/1.4 system-ui, sans-serif;
+}
+@media (prefers-color-scheme: light) {
+  :host {
+    --ink: #1c2026; --dim: #4b535e; --panel: rgb(255 255 255 / 90%); --line: rgb(0 0 0 / 24%);
+    --accent: #0b5cc4;
+  }
+}
+* { box-sizing: border-box; }
+[hidden] { display: none !important; }
+#poster { position: absolute; inset: 0; width: 100%; height: 100%; object-fit: contain; }
+#picture {
+  position: absolute; inset: 0; width: 100%; height: 100%; touch-action: pan-y; cursor: grab;
+  outline-offset: -3px; opacity: 0; transition: opacity 0.2s;
+}
+:host([address]) #picture, :host(:focus-within) #picture { touch-action: none; }
+#picture.shown { opacity: 1; }
+#picture:active { cursor: grabbing; }
+#picture.picks { cursor: crosshair; }
+.unseen { position: absolute; width: 1px; height: 1px; overflow: hidden; clip-path: inset(50%); }
+:is(a, button, select, input, #picture):focus-visible {
+  outline: 2px solid var(--accent); outline-offset: 1px;
+}
+#picture:focus-visible { outline-offset: -3px; }
+
+#panel, #views, #status, #choose, dialog, #compass, #scale {
+  background: var(--panel); border: 1px solid var(--line); border-radius: 10px;
+}
+#panel {
+  position: absolute; top: 12px; left: 12px; width: 272px; max-height: calc(100% - 24px);
+  max-width: calc(100% - 24px); overflow: auto; backdrop-filter: blur(10px);
+}
+#panel header { display: flex; align-items: center; gap: 8px; padding: 0 0 0 12px; }
+#panel:has(#settings[hidden]) { width: auto; }
+#panel h2 {
+  flex: 1; margin: 0; font-size: 14px; font-weight: 600; overflow: hidden; white-space: nowrap;
+  text-overflow: ellipsis;
+}
+#settings { padding: 2px 12px 12px; display: grid; gap: 6px; }
+dl { display: grid; grid-template-columns: auto 1fr; gap: 2px 12px; margin: 0; }
+dt { color: var(--dim); }
+dd { margin: 0; text-align: right; font-variant-numeric: tabular-nums; overflow-wrap: anywhere; }
+#tones { display: grid; gap: 6px; }
+label {
+  display: flex; justify-content: space-between; align-items: center; gap: 8px; min-height: 44px;
+}
+label.check { justify-content: flex-start; }
+input[type="checkbox"] { accent-color: var(--accent); width: 24px; height: 24px; margin: 0; }
+select, button, input[type="color"] {
+  font: inherit; color: inherit; background: transparent; border: 1px solid var(--line);
+  border-radius: 6px; min-height: 44px; min-width: 44px; padding: 2px 8px;
+}
+select { background: var(--panel); min-width: 96px; }
+option { color: #1c2026; background: #fff; }
+input[type="color"] { width: 96px; padding: 2px; }
+input[type="range"] { width: 120px; height: 44px; accent-color: var(--accent); }
+button { cursor: pointer; }
+button:hover { border-color: var(--accent); }
+button[aria-pressed="true"] { background: var(--accent); color: #06101f; }
+@media (prefers-color-scheme: light) { button[aria-pressed="true"] { color: #fff; } }
+#fold { border-color: transparent; padding: 0; font-size: 20px; }
+.buttons { display: grid; grid-template-columns: 1fr 1fr; gap: 6px; }
+.buttons button { padding: 2px 4px; }
+
+#compass {
+  position: absolute; right: 16px; bottom: 16px; width: 92px; height: 92px; border-radius: 50%;
+  pointer-events: none;
+}
+#compass span {
+  position: absolute; transform: translate(-50%, -50%); font-weight: 600; font-size: 12px;
+}
+#scale {
+  position: absolute; right: 124px; bottom: 16px; padding: 2px 6px 6px; text-align: center;
+  pointer-events: none;
+}
+#scale i { display: block; border: 2px solid currentcolor; border-top: 0; height: 6px; }
+#lines, #notes {
+  position: absolute; inset: 0; width: 100%; height: 100%; pointer-events: none; overflow: hidden;
+}
+#lines line { stroke: var(--ink); stroke-width: 2; paint-order: stroke; }
+#lines circle { fill: var(--accent); stroke: #000; }
+.note {
+  position: absolute; left: 0; top: 0; max-width: 240px; pointer-events: auto;
+  background: var(--panel); border-radius: 22px; transition: opacity 0.2s;
+}
+.note::before {
+  content: ''; position: absolute; left: -5px; top: -5px; width: 10px; height: 10px;
+  border-radius: 50%; background: var(--accent); border: 1px solid #000;
+}
+.note.behind:not(:focus-within) { opacity: 0; pointer-events: none; }
+.note button { border: 0; border-radius: 22px; padding: 2px 14px; text-align: left; }
+.note p { margin: 0; padding: 0 14px 10px; }
+#cross {
+  position: absolute; inset: 0; margin: auto; width: 24px; height: 24px; pointer-events: none;
+  background: linear-gradient(var(--accent) 0 0) 50% / 2px 100% no-repeat,
+    linear-gradient(var(--accent) 0 0) 50% / 100% 2px no-repeat;
+}
+
+#views {
+  position: absolute; bottom: 16px; left: 50%; transform: translateX(-50%); display: flex;
+  width: min(460px, calc(100% - 24px)); max-height: 40%; align-items: center; gap: 8px;
+  padding: 8px; backdrop-filter: blur(10px); touch-action: pan-y;
+}
+#views div { flex: 1; overflow: auto; max-height: 100%; }
+#views button { flex: none; font-size: 22px; }
+#title { font-weight: 600; color: inherit; display: inline-block; padding: 10px 0; }
+#count { color: var(--dim); }
+#text { margin: 0; }
+a { color: var(--accent); }
+#status, #choose {
+  position: absolute; bottom: 12px; left: 50%; transform: translateX(-50%); margin: 0;
+  max-width: min(560px, calc(100% - 24px)); padding: 8px 14px; z-index: 1;
+}
+:host([notable]) #status:not(.wrong) { bottom: auto; top: 12px; }
+#status:empty { display: none; }
+#status.wrong { border-color: #ff6b5e; bottom: 50%; }
+dialog {
+  max-width: min(560px, calc(100% - 24px)); max-height: 80%; color: var(--ink);
+  backdrop-filter: blur(14px);
+}
+dialog h2 { margin: 0 0 10px; font-size: 16px; }
+dialog dd { text-align: left; }
+dialog form { margin-top: 14px; text-align: right; }
+
+@container (max-width: 640px) {
+  #scale { bottom: auto; top: 20px; right: 116px; }
+  #compass { top: 12px; right: 12px; bottom: auto; }
+}
+@container (max-width: 520px) {
+  #panel { max-width: calc(100% - 128px); }
+  #scale { top: 112px; right: 12px; }
+  #panel:not(:has(#settings[hidden])) {
+    top: auto; bottom: 8px; left: 8px; right: 8px; width: auto; max-width: none; max-height: 60%;
+    z-index: 1;
+  }
+}`;

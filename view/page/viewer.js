@@ -1,0 +1,420 @@
+// Viewer: shows a field on a canvas.
+//
+// Two loops run: drawing, which never waits for tiles, and following, which asks the GPU for the
+// tiles of the view and has them loaded.
+
+import {add, Camera, dot} from './camera.js';
+import {Field} from './field.js';
+import {Loader} from './loader.js';
+import {Renderer} from './renderer.js';
+
+const kTileBytes = 192 << 20;  // of textures
+const kFrame = 40;             // milliseconds: slower frames of a moving camera have fewer pixels,
+const kMinScale = 0.2;         // but at least this share along each edge;
+const kStill = 250;            // the same for levels that others will replace
+const kFade = 12;              // frames until a finer picture has replaced a coarser one
+const kRise = 4;               // levels a second that a part of a moving picture gets finer by
+const kLook = 250;             // milliseconds between looks at whether a level is complete
+const kPasses = 8;             // of rays that ask for tiles, at most, before these are requested
+const kAhead = 0.4;            // seconds that loading looks ahead of a moving camera
+const kSmall = 1 << 20;        // bytes: a level 0 of at most this size is loaded whole,
+const kTiny = 128 << 10;       // and of at most this size first of all
+const kMaxSmall = 4096;        // tiles of level 0 that may be loaded whole
+const kFlight = 1200;          // milliseconds that the camera takes from one view to another
+
+export const calm = matchMedia('(prefers-reduced-motion: reduce)');
+export const sleep = (ms) => new Promise((done) => setTimeout(done, ms));
+
+export class Viewer {
+  // `on` has functions: shown(moves) after each picture, settled(), say(text), failed(error).
+  constructor(canvas, settings, on) {
+    Object.assign(this, {canvas, settings, on});
+    this.camera = new Camera();
+    this.state = 'opening';  // then 'loading', 'settled', or 'failed'
+    this.version = 0;        // counts changes of the view
+    this.movedAt = -1e9;
+    this.ceiling = 99;
+    this.reached = -1;       // the finest level of the view that was shown
+    this.fading = 0;         // frames until the canvas shows what was drawn beside it
+    this.rate = 0;           // frames a second
+    this.seen = true;        // whether the canvas is in sight
+    // first, complete: traffic() until the first picture, and until the first complete one
+    // stuck: the view and the tiles with which level 0 was incomplete, if it is
+    // maskOf: the view that the renderer's mask is of
+  }
+
+  // What came from the host since the page began, and the milliseconds since then.
+  traffic() {
+    const {bytes, requests, roundTrips} = this.source ?? {};
+    return {bytes, requests, roundTrips, milliseconds: performance.now()};
+  }
+  statistics() {
+    const {first, complete, loader, renderer} = this;
+    return {...this.traffic(), first, complete, busy: loader?.busy ?? true,
+            tiles: loader?.tiles ?? 0, slots: renderer?.slots ?? 0,
+            tileBytes: renderer?.tileBytes ?? 0, damaged: loader?.damaged ?? 0};
+  }
+  pages() { return this.field.shape.pages; }
+  read(pages) { return this.loader.reader.read(pages); }
+
+  fail(error) {
+    this.state = 'failed';
+    this.message = String(error?.message ?? error);
+    this.on.failed(error);
+  }
+  get failed() { return this.state === 'failed'; }
+
+  // Shows the field of a source. `module` is a promise of the compiled WebAssembly module.
+  async open(source, module, decoders) {
+    const {canvas} = this, fail = (error) => this.fail(error);
+    this.source = source;
+    source.open().catch(() => {});  // beside the module; opening the field reports it
+    this.resize();  // a canvas with a context takes long
+    this.renderer = new Renderer(canvas);
+    const field = this.field = new Field(source, await module);
+    await field.open();
+    decoders.open(field);
+    this.loader = new Loader(field, decoders, fail);
+    // The tiles that matter most come while the graphics card makes room.
+    const level0 = await this.allOfLevel0(kTiny);
+    this.loader.want(level0.length > 0 ? level0
+      : field.firstTiles(this.camera, canvas.width, canvas.height), true);
+    field.prepare(this.view().level).catch(fail);
+    await sleep(4);
+    this.renderer.open(field.shape, kTileBytes);
+    this.loader.restart(this.renderer);
+    canvas.addEventListener('webglcontextlost', (event) => {
+      event.preventDefault();
+      this.lost = true;
+      this.fading = 0;
+      this.on.say('The graphics card was reset; waiting for it.');
+    });
+    canvas.addEventListener('webglcontextrestored', () => {
+      const renderer = this.renderer = new Renderer(canvas);
+      renderer.open(field.shape, kTileBytes);
+      this.loader.restart(renderer);
+      renderer.ready.then(() => {
+        this.lost = false;
+        this.on.say('');
+        this.moved();
+      }).catch(fail);
+    });
+    new ResizeObserver(() => this.resize()).observe(canvas);
+    this.state = 'loading';
+    requestAnimationFrame((now) => this.frame(now));
+    this.follow().catch(fail);
+  }
+
+  // ---- the view ---------------------------------------------------------------------------------
+
+  // The coarsest level that is as fine as the pixels (slf render --level auto).
+  matchingLevel() {
+    const {camera, canvas, settings} = this, {entrySide, exitSide, levels} = this.field.shape;
+    const {half} = camera.axes(canvas.width, canvas.height);
+    const pixel = 2 * half / canvas.height * camera.distance;
+    const depth = settings.mode === 'depth' ? 2 : 1;
+    let spacing = Math.PI / 4 / Math.min(exitSide, depth * entrySide), level = 0;
+    for (; level < levels && spacing > pixel; ++level) spacing /= 2;
+    return level;
+  }
+  view() {
+    const {camera, field, settings, version} = this;
+    const chosen = settings.level === 'auto' ? this.matchingLevel() : Number(settings.level);
+    const background =
+      [1, 3, 5].map((i) => parseInt(settings.background.slice(i, i + 2), 16) / 255);
+    const level = Math.min(chosen, this.ceiling, field.shape.levels);
+    return {camera, mode: settings.mode, background, exposure: Number(settings.exposure),
+            curve: field.radiance ? settings.curve : 'none', level, stamp: `${version} ${level}`};
+  }
+
+  changed() {
+    ++this.version;
+    this.ceiling = 99;
+    this.fading = 0;
+    if (this.state === 'settled') this.state = 'loading';
+  }
+  moved() {
+    this.movedAt = performance.now();
+    this.changed();
+    this.on.moved();
+  }
+  moves(now) { return now - this.movedAt < 200; }
+
+  // Turns the camera to another place, given as Camera.toText() says, in an eased flight.
+  flyTo(text) {
+    const from = new Camera(), to = new Camera(), {camera} = this;
+    from.fromText(camera.toText());
+    to.fromText(text);
+    camera.rest();
+    this.halt();
+    this.flight = {from, to, begin: performance.now()};
+    if (calm.matches) this.flight.begin -= kFlight;
+    return new Promise((done) => { this.flight.done = done; });
+  }
+  // Ends a flight where it is.
+  halt() {
+    this.flight?.done();
+    this.flight = undefined;
+  }
+  // Ends all work.
+  close() {
+    this.state = 'failed';
+    this.renderer?.gl.getExtension('WEBGL_lose_context')?.loseContext();
+  }
+  fly(now) {
+    const {from, to, begin, done} = this.flight;
+    const t = Math.min(1, Math.max(0, now - begin) / kFlight);
+    this.camera.between(from, to, t * t * (3 - 2 * t));
+    this.moved();
+    if (t < 1) return;
+    this.flight = undefined;
+    done();
+  }
+
+  resize() {
+    const {canvas} = this, ratio = globalThis.devicePixelRatio || 1;
+    const width = Math.max(1, Math.round(canvas.clientWidth * ratio));
+    const height = Math.max(1, Math.round(canvas.clientHeight * ratio));
+    if (canvas.width === width && canvas.height === height) return;
+    canvas.width = width;
+    canvas.height = height;
+    this.moved();
+  }
+
+  // Where a point, in radii from the sphere's centre, appears on the canvas, in CSS pixels, and how
+  // far it is: along the axis of the view (`far`), and from the eye.
+  project(point) {
+    const {canvas, camera} = this, {clientWidth: width, clientHeight: height} = canvas;
+    const {eye, forward, right, down, half} = camera.axes(width, height);
+    const to = add(point, eye, -1), far = dot(to, forward), scale = height / 2 / half / far;
+    return {x: width / 2 + scale * dot(to, right), y: height / 2 + scale * dot(to, down), far,
+            distance: Math.hypot(...to)};
+  }
+  // What the picture shows at places on the canvas, in CSS pixels: points of the surface, in radii
+  // from the sphere's centre, with their distance from the eye, or undefined.
+  probe(places) {
+    const {canvas} = this, ratio = canvas.width / canvas.clientWidth;
+    return this.renderer.probe(this.view(), places.map(([x, y]) => [x * ratio, y * ratio]));
+  }
+  // As slf pick: {point, depth, uncertainty} in world units, or null where nothing opaque is shown.
+  pick(x, y) {
+    const {canvas, camera, field} = this, {center, radius} = field.manifest.sphere, {shape} = field;
+    if (!shape.hasDepth) return null;
+    const {half, eye} = camera.axes(canvas.clientWidth, canvas.clientHeight);
+    const spacing = Math.PI / 4 / (shape.exitSide << shape.levels);
+    const step = spacing / Math.max(1, Math.hypot(...eye)) / (2 * half / canvas.clientHeight);
+    const around = [-1, 0, 1].flatMap((v) => [-1, 0, 1].map((u) => [x + u * step, y + v * step]));
+    const found = this.probe(around), middle = found[4];
+    if (!middle) return null;
+    const hits = found.filter((hit) => hit);
+    const squares = hits.reduce((sum, hit) => sum + (hit.distance - middle.distance) ** 2, 0);
+    return {point: middle.point.map((v, i) => center[i] + radius * v),
+            depth: radius * middle.distance,
+            uncertainty: radius * Math.sqrt((2 / 255) ** 2 / 12 + squares / hits.length)};
+  }
+
+  // ---- drawing ----------------------------------------------------------------------------------
+
+  frame(now) {
+    if (this.failed) return;
+    requestAnimationFrame((next) => this.frame(next));
+    const elapsed = Math.min(now - (this.before ?? now), 200);
+    this.before = now;
+    if (!this.begun || this.lost || !this.seen) return;
+    if (this.flight) this.fly(now);
+    else if (this.camera.advance(elapsed / 1000)) this.moved();
+    if (now - (this.rateFrom ?? 0) > 500) {
+      this.rate = this.moves(now) ? this.frames * 1000 / (now - this.rateFrom) : 0;
+      this.frames = 0;
+      this.rateFrom = now;
+    }
+    if (this.drawing) return;
+    if (this.fading > 0) {
+      this.renderer.fade(1 / this.fading--);
+      this.first ??= this.traffic();
+      if (this.fading === 0) this.on.shown();
+    } else if (this.first && this.moves(now)) {
+      this.draw(elapsed / 1000).catch((error) => this.fail(error));
+    }
+  }
+
+  // Draws a frame of a moving camera. While level 0 lacks tiles, the canvas keeps the last frame.
+  async draw(seconds) {
+    const view = this.view(), state = `${this.version} ${this.loader.arrivals}`;
+    if (state === this.stuck) return;
+    this.stuck = this.renderer.showMoving(view, kRise * seconds) ? undefined : state;
+    if (this.stuck) return;
+    this.maskOf = this.version;
+    await this.quickly(view, kFrame);
+    if (this.lost) return;
+    this.renderer.fade(1);
+    ++this.frames;
+    this.on.shown();
+  }
+
+  // Draws a picture, which has fewer pixels where it would take longer. Resolves to whether no
+  // pixel lacks a tile.
+  async quickly(view, milliseconds) {
+    this.drawing = true;
+    const {canvas, renderer} = this, time = renderer.cost * canvas.width * canvas.height;
+    const scale = Math.sqrt(milliseconds / (time || 4 * milliseconds));
+    const done =
+      await renderer.draw({...view, stamp: undefined}, Math.min(1, Math.max(kMinScale, scale)));
+    this.drawing = false;
+    return done;
+  }
+
+  // Draws the pixels of the view that are not final, in full resolution, beside what is shown.
+  // Resolves to whether no pixel lacks a tile; to undefined if the view changes meanwhile.
+  async sharpen(view) {
+    const asked = this.version;
+    while (this.drawing) await sleep(2);
+    if (this.version !== asked) return undefined;
+    this.drawing = true;
+    const done = await this.renderer.sharpen(view, () => this.version === asked);
+    this.drawing = false;
+    return this.current(asked) ? done : undefined;
+  }
+  current(asked) { return this.version === asked && !this.lost && !this.failed; }
+
+  // Fades in the picture that was drawn.
+  show() {
+    this.fading = calm.matches || !this.first ? 1 : kFade;
+  }
+
+  // Shows a level that another one will replace, if no pixel lacks a tile of it.
+  async showCoarse(view, level) {
+    const asked = this.version;
+    while (this.drawing) await sleep(2);
+    this.renderer.show(level, this.maskOf === this.version ? undefined : []);
+    this.maskOf = this.version;
+    const done = await this.quickly({...view, level}, kStill) && this.current(asked);
+    if (done) this.show();
+    return done;
+  }
+
+  // Draws the view `count` times in full. Resolves to the milliseconds that each picture took.
+  async frameTimes(count) {
+    const times = [];
+    while (this.drawing) await sleep(2);
+    this.drawing = true;
+    for (let i = 0; i < count; ++i) {
+      const begin = performance.now();
+      await this.renderer.draw({...this.view(), stamp: undefined}, 1);
+      this.renderer.fade(1);
+      times.push(performance.now() - begin);
+    }
+    this.drawing = false;
+    return times;
+  }
+
+  // ---- following --------------------------------------------------------------------------------
+
+  // Finds the tiles of the view and has them loaded, again and again. While the camera stands
+  // still, a level is shown once it is complete: nobody sees a tile.
+  async follow() {
+    const {loader, field} = this;
+    let seen, needed = new Set(), thorough = false;
+    while ((loader.busy || this.lost) && !this.failed) await sleep(5);
+    await this.renderer.ready;
+    this.begun = true;
+    while (!this.failed) {
+      if (this.lost || !this.seen) {
+        seen = undefined;
+        await sleep(50);
+        continue;
+      }
+      const view = this.view(), asked = this.version;
+      const moving = this.first && this.moves(performance.now());
+      if (view.stamp !== seen) {
+        seen = view.stamp;
+        needed = new Set();
+        thorough = false;
+        this.reached = -1;
+      }
+      // A few rays find nearly all tiles. Once these are there, the rays of all pixels that are not
+      // final find the last ones.
+      const sharp = thorough && await this.sharpen(view);
+      if (sharp === undefined) continue;
+      if (sharp) {
+        this.renderer.show(view.level, []);
+        this.show();
+        this.complete ??= this.traffic();
+        loader.want([...needed, ...await this.allOfLevel0(kSmall)]);
+        while (this.fading > 0 && this.current(asked)) await sleep(5);
+        if (!this.current(asked)) continue;
+        this.state = 'settled';
+        this.on.settled();
+        while (this.current(asked)) await sleep(20);
+        continue;
+      }
+      const [pages] = await Promise.all(
+        [thorough ? this.renderer.askAll(view) : this.askFew(view, moving),
+         field.prepare(view.level)]);
+      if (this.failed || this.lost) continue;
+      for (const at of pages) needed.add(at);
+      const absent = loader.want([...needed], !moving);
+      this.state = 'loading';
+      if (loader.full) {  // not all tiles of this level fit: draw a coarser one
+        loader.full = false;
+        this.ceiling = Math.max(0, view.level - 1);
+      } else if (moving) {
+        if (absent === 0) await this.lookAhead(view, needed);
+        await sleep(absent > 0 ? 15 : 0);
+      } else {
+        await this.arrived(view, !thorough);
+        thorough = true;
+      }
+    }
+  }
+  // The pages that some rays need, of the view's level and of those that are shown before it. Asks
+  // with more rays while the lists of references come.
+  async askFew(view, moving) {
+    const pages = new Set(), asked = this.version;
+    let waits = !moving, passes = 0;
+    this.field.prepare(view.level).finally(() => { waits = false; }).catch(() => {});
+    do {
+      for (let level = moving && !this.stuck ? view.level : 0; level <= view.level; ++level) {
+        for (const page of await this.renderer.ask({...view, level})) pages.add(page);
+        // Nothing is shown before level 0 is complete.
+        if (level > 0 || this.reached >= 0 || moving) continue;
+        if (await this.showCoarse(view, 0)) this.reached = 0;
+        else this.loader.want([...pages], true);
+      }
+    } while (waits && ++passes < kPasses && this.current(asked));
+    return pages;
+  }
+
+  // Waits until all tiles that are on their way have come, or the view changes. Meanwhile, if
+  // `many` tiles are on their way, shows coarser levels, each once it is complete, and draws the
+  // pixels whose tiles are there.
+  async arrived(view, many) {
+    const asked = this.version;
+    for (let next = 0; this.loader.busy && this.current(asked);) {
+      await sleep(5);
+      const begin = performance.now();
+      if (begin < next || this.drawing) continue;
+      const reach = many ? Math.min(view.level - 1, ...this.renderer.survey(view)) : -1;
+      if (reach > this.reached && await this.showCoarse(view, reach)) this.reached = reach;
+      else if (many) await this.sharpen(view);
+      const now = performance.now();
+      next = this.first ? now + Math.max(kLook, now - begin) : now;
+    }
+  }
+
+  // Loads what the view will need soon.
+  async lookAhead(view, needed) {
+    const ahead = new Camera();
+    Object.assign(ahead, structuredClone({...this.camera}));
+    ahead.advance(kAhead);
+    const pages = await this.renderer.ask({...view, camera: ahead, stamp: undefined});
+    if (!this.failed && !this.lost) this.loader.want([...needed, ...pages]);
+  }
+
+  // Resolves to the pages of level 0 if these have at most so many bytes: then a camera that turns
+  // always has something to draw, and many tiles are predicted from it.
+  async allOfLevel0(most) {
+    const {pageBase, pages} = this.field.shape, all = [...Array(pageBase[1] || pages).keys()];
+    return all.length <= kMaxSmall && await this.field.payloadBytes(all) <= most ? all : [];
+  }
+}

@@ -1,0 +1,124 @@
+#include "view/views.h"
+
+#include <algorithm>
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <span>
+#include <string_view>
+#include <vector>
+
+#include "base/file.h"
+#include "base/try.h"
+
+namespace slf::view {
+namespace {
+
+using nlohmann::json;
+
+constexpr std::uint64_t kMaxBytes = 1 << 20;
+constexpr std::size_t kMaxEntries = 500;
+constexpr double kMaxNumber = 1e12;
+
+enum class Kind { title, text, orbit, point };
+struct Member {
+  std::string_view name;
+  Kind kind;
+  bool required;
+};
+constexpr Member kView[] = {{"title", Kind::title, true},
+                            {"text", Kind::text, false},
+                            {"orbit", Kind::orbit, true},
+                            {"target", Kind::point, false}};
+constexpr Member kNote[] = {
+    {"label", Kind::title, true}, {"text", Kind::text, false}, {"point", Kind::point, true}};
+
+/// What is expected of a value; empty if it is that.
+std::string_view expected(const json& value, Kind kind) {
+  const auto number = [](const json& v) {
+    return v.is_number() && std::abs(v.get<double>()) <= kMaxNumber;
+  };
+  const bool three =
+      value.is_array() && value.size() == 3 && std::all_of(value.begin(), value.end(), number);
+  switch (kind) {
+    case Kind::title:
+      if (value.is_string() && !value.get_ref<const std::string&>().empty()) return "";
+      return "a text that is not empty";
+    case Kind::text:
+      return value.is_string() ? "" : "a text";
+    case Kind::orbit:
+      if (three && std::abs(value[1].get<double>()) <= 90 && value[2].get<double>() > 1) return "";
+      return "[azimuth, elevation, distance], as slf render --orbit has them: degrees, elevations "
+             "from -90 to 90, and radii of the sphere, above 1";
+    case Kind::point:
+      return three ? "" : "three numbers [x, y, z] in world units";
+  }
+  return "";
+}
+
+Result<void> check_entry(const json& entry, std::span<const Member> members,
+                         const std::string& place) {
+  std::string names;
+  for (const Member& member : members)
+    names += (names.empty() ? "\"" : ", \"") + std::string(member.name) + "\"";
+  if (!entry.is_object())
+    return fail(ErrorCode::bad_file, place, ": expected an object with the members ", names);
+  for (const auto& [name, value] : entry.items())
+    if (std::none_of(members.begin(), members.end(),
+                     [&, &key = name](const Member& member) { return member.name == key; }))
+      return fail(ErrorCode::bad_file, place, ": no member \"", name, "\" is known; those are ",
+                  names);
+  for (const Member& member : members) {
+    const std::string key(member.name);
+    if (!entry.contains(key) && !member.required) continue;
+    const std::string_view wrong = expected(entry.value(key, json()), member.kind);
+    if (!wrong.empty()) return fail(ErrorCode::bad_file, place, ".", key, ": expected ", wrong);
+  }
+  return {};
+}
+
+}  // namespace
+
+Result<ViewsFile> read_views(const std::string& path) {
+  const auto bytes = SLF_TRY(read_file(path, kMaxBytes));
+  const std::string text(reinterpret_cast<const char*>(bytes.data()), bytes.size());
+  return ViewsFile{path, text.empty() ? " " : text};
+}
+
+Result<Views> parse_views(const ViewsFile& file, const Sphere& sphere) {
+  const auto& [path, text] = file;
+  if (text.empty()) return Views{};
+  json root;
+  try {
+    root = json::parse(text);
+  } catch (const json::parse_error& error) {
+    const auto end = text.begin() + static_cast<std::ptrdiff_t>(std::min(error.byte, text.size()));
+    return fail(ErrorCode::bad_file, path, ", line ", 1 + std::count(text.begin(), end, '\n'),
+                ": this is no JSON; schemas/views.json says what is expected");
+  }
+  if (!root.is_object() || !(root.contains("views") || root.contains("notes")))
+    return fail(ErrorCode::bad_file, path,
+                R"(: expected an object with the lists "views" and "notes", or one of them)");
+  for (const auto& [name, list] : root.items()) {
+    if (name != "views" && name != "notes")
+      return fail(ErrorCode::bad_file, path, ": no member \"", name,
+                  R"(" is known; those are "views" and "notes")");
+    if (!list.is_array() || list.size() > kMaxEntries)
+      return fail(ErrorCode::bad_file, path, ": ", name, ": expected a list of at most ",
+                  kMaxEntries);
+    for (std::size_t i = 0; i < list.size(); ++i)
+      SLF_TRY(check_entry(list[i], name == "views" ? std::span<const Member>(kView) : kNote,
+                          path + ": " + name + "[" + std::to_string(i) + "]"));
+  }
+  Views views{root.dump(-1, ' ', /*ensure_ascii=*/true), ""};
+  for (std::size_t at = 0; (at = views.json.find('<', at)) != std::string::npos;)
+    views.json.replace(at, 1, "\\u003c");
+  if (const json list = root.value("views", json::array()); !list.empty()) {
+    std::vector<double> camera = list[0]["orbit"];
+    for (int k = 0; k < 3 && list[0].contains("target"); ++k)
+      camera.push_back((list[0]["target"][k].get<double>() - sphere.center[k]) / sphere.radius);
+    for (const double v : camera) views.first += (views.first.empty() ? "" : ",") + json(v).dump();
+  }
+  return views;
+}
+
+}  // namespace slf::view

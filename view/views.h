@@ -1,0 +1,34 @@
+// Views: saved views and notes that the page shows with a field, from a file such as
+//
+//   {"views": [{"title": "From the left", "text": "See https://example.org", "orbit": [90, 0, 3],
+//               "target": [0, 16, 8]}],
+//    "notes": [{"label": "Frontal lobe", "text": "…", "point": [1.5, -60, 20]}]}
+#pragma once
+
+#include <string>
+
+#include "slf/error.h"
+#include "slf/shape.h"
+
+namespace slf::view {
+
+struct ViewsFile {
+  std::string name;  ///< for messages
+  std::string text;  ///< empty: no views
+};
+
+/// io: the file cannot be read.
+[[nodiscard]] Result<ViewsFile> read_views(const std::string& path);
+
+/// Views that were checked.
+struct Views {
+  std::string json;   ///< without '<'; empty if there are none
+  std::string first;  ///< the first view's camera, as the page's address has it; may be empty
+};
+
+/// Checks a file of views and notes (schemas/views.json) for a field with this sphere. bad_file: it
+/// is something else; the message names the place, such as views[1].orbit, and what is expected
+/// there.
+[[nodiscard]] Result<Views> parse_views(const ViewsFile& file, const Sphere& sphere);
+
+}  // namespace slf::view
