@@ -43,6 +43,16 @@ std::string to_bytes(std::string& text) {
   return "";
 }
 
+/// "X,Y,Z,NX,NY,NZ".
+struct Clip : ClipPlane {};
+std::istream& operator>>(std::istream& in, Clip& clip) {
+  for (int k = 0; k < 6; ++k) {
+    if (k > 0 && in.get() != ',') in.setstate(std::ios::failbit);
+    in >> (k < 3 ? clip.point[k] : clip.normal[k - 3]);
+  }
+  return in;
+}
+
 /// Accepts what >> reads as a T. CLI11 itself says no more than that it cannot convert.
 template <class T>
 CLI::Validator reads(const std::string& expected) {
@@ -109,6 +119,19 @@ CLI::Option* add_vector(CLI::App& command, const std::string& name, std::vector<
 
 glm::dvec3 to_vector(const std::vector<double>& numbers) {
   return {numbers[0], numbers[1], numbers[2]};
+}
+
+CLI::Option* add_clip(CLI::App& command, std::vector<ClipPlane>& clip) {
+  return command
+      .add_option_function<std::vector<Clip>>(
+          "--clip",
+          [&clip](const std::vector<Clip>& planes) { clip.assign(planes.begin(), planes.end()); },
+          "Remove what lies beyond a plane (world): on the side of X,Y,Z that the normal\n"
+          "points to; may be repeated")
+      ->expected(1, 64)
+      ->allow_extra_args(false)
+      ->check(reads<Clip>("a point and a normal, as 0,0,40,0,0,1"))
+      ->type_name("X,Y,Z,NX,NY,NZ");
 }
 
 std::istream& operator>>(std::istream& in, PixelSize& size) {

@@ -216,6 +216,9 @@ CLI::Option* add_vector(CLI::App& command, const std::string& name, std::vector<
                         const std::string& help);
 [[nodiscard]] glm::dvec3 to_vector(const std::vector<double>& numbers);
 
+/// Adds --clip.
+CLI::Option* add_clip(CLI::App& command, std::vector<ClipPlane>& clip);
+
 /// "512x384", or "512" for a square.
 struct PixelSize {
   std::uint32_t width = 0, height = 0;

@@ -89,6 +89,7 @@ void SourceArguments::add_volume_to(CLI::App& command, const char* name) {
   command.add_option("--mask", mask.path, "Show the volume only where this mask is not 0")
       ->type_name(kAnyFile)
       ->group(kVolumeGroup);
+  add_clip(command, raycast.clip)->group(kVolumeGroup);
   add_raw_to(command);
   add_mesh_to(command);
 }

@@ -48,6 +48,7 @@ Result<RaycastOptions> rays_of(const SceneDescription& d, const json& built) {
     options.lighting.mode = d.lighting.value_or(direct ? Lighting::direct : Lighting::global);
   } else {
     options = raycast_options(built.dump());
+    if (!d.raycast.clip.empty()) options.clip = d.raycast.clip;
     if (d.environment.empty() && built.contains("/lighting/environment"_json_pointer))
       return fail_without("environment", ErrorCode::usage,
                           "the field was lit by an environment picture: name the same file");
@@ -75,6 +76,7 @@ Result<void> check_no_volume(const SceneDescription& d, const char* kind) {
                                       {"mask", !!d.mask},
                                       {"labels", d.reading.labels},
                                       {"crop", !!d.reading.crop},
+                                      {"clip", !d.raycast.clip.empty()},
                                       {"dims", !!d.reading.raw},
                                       {"projection", d.raycast.projection != Projection::none},
                                       {"light_file", !d.light_volume.file.empty()},
@@ -195,7 +197,7 @@ Result<std::unique_ptr<Scene>> volume_scene(const SceneDescription& d) {
                             {d.paths.samples, options.lighting.seed});
   else
     made = Raycaster::make(std::move(volume), function, options, d.light_volume);
-  if (made || made.error().code != ErrorCode::failed) return made;
+  if (made || made.error().code != ErrorCode::failed || made.error().choice) return made;
   return fail_without("transfer", ErrorCode::failed, made.error().message, "; it runs from ",
                       function.colors.front().value, " to ", function.colors.back().value,
                       ": choose another, or stretch it to a range");

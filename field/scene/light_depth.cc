@@ -46,8 +46,7 @@ Result<std::vector<float>> node_extinctions(const Medium& medium, const LightGri
       for (int k = 0; k < side * side * side; ++k) {
         const glm::dvec3 cell(k % side, k / side % side, k / (side * side));
         const glm::dvec3 at = glm::dvec3(node) + (cell + 0.5) * width - 0.5;
-        sum += medium.extinction(
-            glm::clamp(light.low + light.spacing * at, grid.visible_low, grid.visible_high));
+        sum += medium.extinction(medium.nearest_inside(light.low + light.spacing * at));
       }
       extinction[number] = sum / static_cast<float>(side * side * side);
     }
@@ -63,6 +62,13 @@ std::vector<float> depth_from_outside(const Medium& medium, const LightGrid& lig
     return (static_cast<std::size_t>(at.z) * dims.y + at.y) * dims.x + at.x;
   };
   std::vector<float> depth(light.size(), 1e30f);
+  for (std::size_t k = 0; k < depth.size() && !medium.grid().clip.empty(); ++k) {
+    const double below =
+        medium.below_clip(light.low + light.spacing * glm::dvec3(node_at(light, k)));
+    if (below < light.spacing)
+      depth[k] =
+          extinction[k] * static_cast<float>(std::max(0.0, below) * medium.smallest_spacing());
+  }
   const auto relax = [&](const glm::ivec3& at, int sign) {
     const std::size_t here = number(at);
     float best = depth[here];

@@ -110,8 +110,6 @@ class LightSolver {
   [[nodiscard]] Points find_points(std::size_t number, int tries, Random& random) const {
     const glm::ivec3 node = node_at(light_, number);
     const glm::dvec3 shift(random(), random(), random());
-    const RayGrid& grid = medium_.grid();
-    const glm::dvec3 box = (grid.visible_high - grid.visible_low) / light_.spacing;
     std::array<Matter, kPoints> matter;
     std::array<double, kPoints> depth{}, weight{};
     double min_depth = kHidden, total = 0;
@@ -120,10 +118,10 @@ class LightSolver {
       for (int d = 0; d < 3; ++d) {
         const double u = 2 * fraction(r3(static_cast<std::uint64_t>(k), d) + shift[d]) - 1;
         const double tent = u < 0 ? std::sqrt(1 + u) - 1 : 1 - std::sqrt(1 - u);  // over ±1
-        // There is no matter beyond the box. Where it cuts matter, the face is what is visible.
-        at[d] = std::clamp(node[d] + kReach * tent, 0.0, box[d]);
+        at[d] = node[d] + kReach * tent;
       }
-      matter[k] = medium_.matter(light_.low + light_.spacing * at);
+      // There is no matter beyond faces. Where they cut matter, they are what is visible.
+      matter[k] = medium_.matter(medium_.nearest_inside(light_.low + light_.spacing * at));
       if (!(matter[k].extinction > 0)) continue;
       depth[k] = depth_of(matter[k]);
       weight[k] = matter[k].extinction * std::exp(-depth[k]);
@@ -162,11 +160,9 @@ class LightSolver {
     const glm::dvec3 along = medium_.per_world(matter.normal);
     const double measured = medium_.optical_depth(matter.at, along, length, 0.5) +
                             interpolate(light_, depth_, node_of(matter.at + length * along));
-    const RayGrid& grid = medium_.grid();
-    const glm::dvec3 to_face =
-        glm::min(matter.at - grid.visible_low, grid.visible_high - matter.at);
-    const double below_face = matter.extinction * medium_.smallest_spacing() *
-                              std::min({to_face.x, to_face.y, to_face.z});
+    const double below_face =
+        matter.extinction * medium_.smallest_spacing() *
+        std::max(0.0, std::min(medium_.below_box(matter.at), medium_.below_clip(matter.at)));
     return std::min(below_face,
                     glm::mix(std::min(known, measured), measured, double{matter.surface}));
   }

@@ -227,6 +227,9 @@ Matter Medium::matter(const glm::dvec3& at) const {
     const glm::dvec3 outwards = (low < high ? -1.0 : 1.0) * glm::dvec3(grid_.face_normals[axis]);
     normal = glm::mix(normal, outwards, cut);
   }
+  for (const GridPlane& plane : grid_.clip)
+    normal =
+        glm::mix(normal, glm::dvec3(plane.outwards), 1 - std::clamp(plane.inside(at), 0.0, 1.0));
   const double size = glm::length(normal);
   if (!(size > 1e-15)) return matter;
   matter.normal = normal / size;
@@ -251,7 +254,26 @@ bool Medium::clip(const glm::dvec3& from, const glm::dvec3& direction, double& b
     begin = std::max(begin, std::min(a, b));
     end = std::min(end, std::max(a, b));
   }
+  for (const GridPlane& plane : grid_.clip) plane.clip(from, direction, begin, end);
   return begin < end;
+}
+
+glm::dvec3 Medium::nearest_inside(const glm::dvec3& at) const {
+  glm::dvec3 inside = at;
+  for (const GridPlane& plane : grid_.clip)
+    inside -= std::min(0.0, plane.inside(inside)) * plane.inwards;
+  return glm::clamp(inside, grid_.visible_low, grid_.visible_high);
+}
+
+double Medium::below_box(const glm::dvec3& at) const {
+  const glm::dvec3 below = glm::min(at - grid_.visible_low, grid_.visible_high - at);
+  return std::min({below.x, below.y, below.z});
+}
+
+double Medium::below_clip(const glm::dvec3& at) const {
+  double below = std::numeric_limits<double>::infinity();
+  for (const GridPlane& plane : grid_.clip) below = std::min(below, plane.inside(at));
+  return below;
 }
 
 Medium::Brick Medium::brick(const glm::dvec3& from, const glm::dvec3& direction,

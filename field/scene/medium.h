@@ -73,6 +73,12 @@ class Medium {
   /// Between voxels, along the axis where they are closest; world units.
   [[nodiscard]] double smallest_spacing() const { return smallest_spacing_; }
   [[nodiscard]] const RayGrid& grid() const { return grid_; }
+  /// The position in what the medium fills that is nearest to `at`; where planes meet, one near it.
+  [[nodiscard]] glm::dvec3 nearest_inside(const glm::dvec3& at) const;
+  /// How far a position lies below the faces that end the medium: of its box, and of planes that
+  /// clip it; in voxels. Negative outside.
+  [[nodiscard]] double below_box(const glm::dvec3& at) const;
+  [[nodiscard]] double below_clip(const glm::dvec3& at) const;
 
   /// The distance at which light from `from` first interacts with matter, if it is below `length`
   /// world units. Unbiased: delta tracking (Woodcock et al. 1965) with a majorant per brick, which

@@ -107,6 +107,8 @@ std::string describe(const Volume& volume, const TransferFunction& transfer,
            {"step", options.step}};
   if (options.projection != Projection::none)
     out["projection"] = kProjections[static_cast<std::size_t>(options.projection)];
+  for (const auto& [point, normal] : options.clip)
+    out["clip"].push_back({point.x, point.y, point.z, normal.x, normal.y, normal.z});
   out.update(describe_shading(options.shade, options.light, options.ambient, options.lighting));
   if (const Structures& parts = options.structures; parts.labels || parts.mask) {
     json& recorded = out["structures"] = json::object();
@@ -143,6 +145,13 @@ RaycastOptions raycast_options(std::string_view text) {
   for (int axis = 0; light.is_array() && light.size() == 3 && axis < 3; ++axis)
     if (const json& v = light[static_cast<std::size_t>(axis)]; v.is_number())
       options.light[axis] = v.get<double>();
+  const json clip = provenance.value("clip", json());
+  for (const json& plane : clip.is_array() ? clip : json::array()) {
+    std::array<double, 6> v{};
+    for (std::size_t k = 0; plane.is_array() && k < std::min(v.size(), plane.size()); ++k)
+      if (plane[k].is_number()) v[k] = plane[k].get<double>();
+    options.clip.push_back({{v[0], v[1], v[2]}, {v[3], v[4], v[5]}});
+  }
   const json lighting = provenance.value("lighting", json());
   if (lighting.is_object()) options.lighting = light_options(lighting);
   return options;

@@ -87,6 +87,7 @@ bool start_ray(const RayGrid& grid, const Segment& segment, RayBatch& batch, std
     high = std::min(high, std::max(t0, t1));
     batch.inverse[axis][i] = static_cast<float>(inverse / cells_per_voxel);
   }
+  for (const GridPlane& plane : grid.clip) plane.clip(a, delta, low, high);
   if (!(low < high)) return false;
   for (int axis = 0; axis < 3; ++axis) {
     const double start = cells_per_voxel * (a[axis] + low * delta[axis]);

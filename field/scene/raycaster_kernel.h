@@ -1,6 +1,7 @@
 // The inner loop of the ray-caster, compiled for several instruction sets. Private to field/scene.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <glm/glm.hpp>
@@ -19,6 +20,24 @@ namespace slf {
 inline constexpr int kBrickShift = 1;
 inline constexpr int kBrick = 1 << kBrickShift;
 
+/// A plane that clips the volume. Positions are in voxel indices.
+struct GridPlane {
+  glm::dvec3 inwards{0.0};  ///< unit, in voxel indices
+  double offset = 0;
+  glm::vec4 outwards{0};  ///< unit, world; padded
+
+  /// How far a position lies on the side that is kept, in voxels.
+  [[nodiscard]] double inside(const glm::dvec3& at) const { return glm::dot(inwards, at) + offset; }
+  /// Limits the part [begin, end] of a ray to that side.
+  void clip(const glm::dvec3& from, const glm::dvec3& direction, double& begin, double& end) const {
+    const double at = inside(from), rate = glm::dot(inwards, direction);
+    if (rate > 0)
+      begin = std::max(begin, -at / rate);
+    else if (at < 0 || rate < 0)
+      end = std::min(end, rate < 0 ? -at / rate : begin);
+  }
+};
+
 /// The inputs of the loop. Positions are in voxel indices.
 struct RayGrid {
   const std::byte* voxels = nullptr;
@@ -34,8 +53,9 @@ struct RayGrid {
   /// Unit, world: the normals of the volume's faces at its end along each axis. Faces cut matter,
   /// so they are surfaces.
   std::array<glm::vec4, 3> face_normals{};
-  double unit = 1;  ///< of lengths: the smallest voxel spacing, in world units
-  double step = 1;  ///< the longest interval of a ray that is one sample, in units
+  std::vector<GridPlane> clip;  ///< cut matter, too
+  double unit = 1;              ///< of lengths: the smallest voxel spacing, in world units
+  double step = 1;              ///< the longest interval of a ray that is one sample, in units
 
   /// Rays advance by cells, in which values are trilinear: the cubes between voxel centres. If each
   /// voxel has a label or a structure, they are split in half along each axis (cell_shift 1), so

@@ -100,6 +100,12 @@ struct NormalFinder {
       at_face = hn::Or(
           at_face, hn::Or(cell == hn::Zero(kInts), cell == hn::Set(kInts, grid.dims[axis] - 2)));
     }
+    for (int end = 0; end < (grid.clip.empty() ? 0 : 2); ++end) {
+      Floats at[3];
+      find_place(samples, hn::Set(kFloats, static_cast<float>(end)), i, at);
+      for (const GridPlane& plane : grid.clip)
+        at_face = hn::Or(at_face, hn::RebindMask(kInts, below(plane, at) < hn::Set(kFloats, 1.f)));
+    }
     return !hn::AllFalse(kInts, at_face);
   }
 
@@ -114,17 +120,14 @@ struct NormalFinder {
     const auto finite = hn::IsFinite(length2);  // not the square of a gradient above 1.8e19
     for (Floats& n : normal) n = hn::IfThenElseZero(finite, n * (sure * inverse));
     if (!cut) return;
-    Floats p[3];
-    find_position(samples, place, i, p);
+    Floats at[3];
+    find_place(samples, place, i, at);
     for (int axis = 0; axis < 3; ++axis) {
-      const Floats low = p[axis] + hn::ConvertTo(kFloats, hn::Load(kInts, samples.cell[axis] + i));
-      const Floats high = hn::Set(kFloats, static_cast<float>(grid.dims[axis] - 1)) - low;
-      const Floats share = hn::Max(hn::Zero(kFloats), hn::Min(one, one - hn::Min(low, high)));
-      const Floats outwards = hn::IfThenElse(low < high, hn::Zero(kFloats) - share, share);
-      for (int k = 0; k < 3; ++k)
-        normal[k] = hn::MulAdd(outwards, hn::Set(kFloats, grid.face_normals[axis][k]),
-                               normal[k] * (one - share));
+      const Floats high = hn::Set(kFloats, static_cast<float>(grid.dims[axis] - 1)) - at[axis];
+      turn_to_face(hn::Min(at[axis], high), hn::IfThenElse(at[axis] < high, hn::Neg(one), one),
+                   grid.face_normals[axis], normal);
     }
+    turn_to_clip(grid, at, normal);
   }
 };
 

@@ -271,6 +271,36 @@ HWY_INLINE Normals normals_of(const RayGrid& grid, const Samples<S>& samples, st
   return normals;
 }
 
+/// The places of kLanes samples, in voxels, where their intervals have the position `u`.
+template <class S>
+HWY_INLINE void find_place(const Samples<S>& samples, Floats u, std::size_t i, Floats (&at)[3]) {
+  find_position(samples, u, i, at);
+  for (int axis = 0; axis < 3; ++axis)
+    at[axis] = at[axis] + hn::ConvertTo(kFloats, hn::Load(kInts, samples.cell[axis] + i));
+}
+
+/// How far places lie below a plane that clips the volume, in voxels.
+HWY_INLINE Floats below(const GridPlane& plane, const Floats (&at)[3]) {
+  Floats sum = hn::Set(kFloats, static_cast<float>(plane.offset));
+  for (int axis = 0; axis < 3; ++axis)
+    sum = hn::MulAdd(hn::Set(kFloats, static_cast<float>(plane.inwards[axis])), at[axis], sum);
+  return sum;
+}
+
+/// Turns normals (world, times the share of the surface) at places so far below a face towards it,
+/// within a voxel: a face cuts matter, so there it is the surface.
+HWY_INLINE void turn_to_face(Floats below, Floats sign, const glm::vec4& outwards,
+                             Floats (&normal)[3]) {
+  const Floats one = hn::Set(kFloats, 1.f);
+  const Floats share = hn::Max(hn::Zero(kFloats), hn::Min(one, one - below));
+  for (int k = 0; k < 3; ++k)
+    normal[k] = hn::MulAdd(share * sign, hn::Set(kFloats, outwards[k]), normal[k] * (one - share));
+}
+HWY_INLINE void turn_to_clip(const RayGrid& grid, const Floats (&at)[3], Floats (&normal)[3]) {
+  for (const GridPlane& plane : grid.clip)
+    turn_to_face(below(plane, at), hn::Set(kFloats, 1.f), plane.outwards, normal);
+}
+
 /// Multiplies the pieces' shares by ambient and Lambertian light at several places of each, because
 /// normals change quickly below a surface.
 template <class S>
@@ -292,10 +322,25 @@ HWY_INLINE void shade(const RayGrid& grid, Samples<S>& samples) {
           length2 = hn::MulAdd(normal[axis], normal[axis], length2);
         }
         // Small gradients are unreliable: fade their shading out.
-        const Floats inverse = inverse_sqrt(length2);
-        const Floats lambert = hn::Max(hn::Zero(kFloats), toward) * inverse;
-        const Floats sure =
+        Floats inverse = inverse_sqrt(length2);
+        Floats sure =
             hn::Min(one, length2 * inverse * hn::Set(kFloats, grid.inverse_gradient_floor));
+        if (!grid.clip.empty()) {
+          const auto finite = hn::IsFinite(length2);
+          for (Floats& n : normal) n = hn::IfThenElseZero(finite, n * (sure * inverse));
+          Floats at[3];
+          find_place(samples, place, i, at);
+          turn_to_clip(grid, at, normal);
+          toward = hn::Zero(kFloats);
+          length2 = hn::Set(kFloats, 1e-30f);
+          for (int axis = 0; axis < 3; ++axis) {
+            toward = hn::MulAdd(normal[axis], hn::Set(kFloats, grid.light[axis]), toward);
+            length2 = hn::MulAdd(normal[axis], normal[axis], length2);
+          }
+          inverse = inverse_sqrt(length2);
+          sure = length2 * inverse;
+        }
+        const Floats lambert = hn::Max(hn::Zero(kFloats), toward) * inverse;
         const Floats dark = hn::Set(kFloats, 1 - grid.ambient) * (one - lambert);
         Floats shown = hn::NegMulAdd(dark, sure, one);
         if constexpr (std::is_same_v<S, float>)  // the square of a large one is not finite

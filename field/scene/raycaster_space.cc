@@ -78,6 +78,14 @@ void for_each_brick(const RayGrid& grid, const F& f) {
       for (int x = 0; x < grid.bricks[0]; ++x) f(glm::ivec3(x, y, z), number++);
 }
 
+/// Whether planes that clip the volume leave a part of a box. Not if they only touch it.
+bool is_kept(const RayGrid& grid, glm::ivec3 first, glm::ivec3 last) {
+  const glm::dvec3 half = glm::dvec3(last - first) / 2.0;
+  return std::all_of(grid.clip.begin(), grid.clip.end(), [&](const GridPlane& plane) {
+    return plane.inside(glm::dvec3(first) + half) + glm::dot(glm::abs(plane.inwards), half) > 1e-6;
+  });
+}
+
 glm::ivec3 last_voxel(const RayGrid& grid) {
   return {grid.dims[0] - 1, grid.dims[1] - 1, grid.dims[2] - 1};
 }
@@ -126,14 +134,16 @@ std::vector<std::uint8_t> find_visible_bricks(const RayGrid& grid, std::span<con
       static_cast<std::size_t>(grid.bricks[0]) * grid.bricks[1] * grid.bricks[2], 255);
   ColumnRanges<T> columns(grid, voxels);
   for_each_brick(grid, [&](glm::ivec3 at, std::size_t number) {
+    if (visible.by_range() && at.x == 0) columns.read(at.y, at.z);
+    const glm::ivec3 first = at * kBrick;
+    const glm::ivec3 last = glm::min(first + kBrick, last_voxel(grid));
+    if (!is_kept(grid, first, last)) return;
     if (visible.by_range()) {
-      if (at.x == 0) columns.read(at.y, at.z);
       const auto [low, high] = columns.range(at.x);
       if (visible.shows_between(low, high)) bricks[number] = 0;
       return;
     }
-    const glm::ivec3 first = at * kBrick;
-    if (visible(first, glm::min(first + kBrick, last_voxel(grid)))) bricks[number] = 0;
+    if (visible(first, last)) bricks[number] = 0;
   });
   return bricks;
 }
@@ -186,7 +196,8 @@ std::vector<std::uint8_t> find_visible_cells(const RayGrid& grid, const Visibili
     if (grid.distance[number] > 0) return;
     for (int k = 0; k < kBrick * kBrick * kBrick; ++k) {
       const glm::ivec3 cell = at * kBrick + glm::ivec3(k & 1, k >> 1 & 1, k >> 2);
-      if (glm::all(glm::lessThan(cell, last_voxel(grid))) && visible(cell, cell + 1))
+      if (glm::all(glm::lessThan(cell, last_voxel(grid))) && is_kept(grid, cell, cell + 1) &&
+          visible(cell, cell + 1))
         cells[number] |= static_cast<std::uint8_t>(1 << k);
     }
   });

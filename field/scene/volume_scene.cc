@@ -110,6 +110,10 @@ Result<void> check_options(const RaycastOptions& options) {
     return fail(ErrorCode::usage, "light: expected a direction, not zero and finite");
   if (!(options.ambient >= 0 && options.ambient <= 1))
     return fail(ErrorCode::usage, "ambient ", options.ambient, ": expected 0 to 1");
+  for (const ClipPlane& plane : options.clip)
+    if (const double sum = glm::length(plane.normal) + glm::length(plane.point);
+        !std::isfinite(sum) || !(glm::length(plane.normal) > 0))
+      return fail(ErrorCode::usage, "clip: expected a point and a normal, not zero and finite");
   if (options.projection != Projection::none &&
       (options.shade || options.lighting.mode != Lighting::direct))
     return fail(ErrorCode::usage, "a projection shows values, to which light does not apply");
@@ -193,6 +197,13 @@ Result<std::unique_ptr<VolumeScene>> make_volume_scene(Volume volume,
     grid.index_to_world[k] = glm::vec4(v.axes[axis], 0);
     grid.face_normals[k] = glm::vec4(glm::normalize(glm::transpose(grid.world_to_index)[axis]), 0);
   }
+  for (const ClipPlane& plane : options.clip) {
+    const glm::dvec3 normal = glm::normalize(plane.normal);
+    const glm::dvec3 inwards = -glm::transpose(v.axes) * normal;
+    const double per_voxel = glm::length(inwards);  // world units
+    grid.clip.push_back({inwards / per_voxel, glm::dot(normal, plane.point - v.origin) / per_voxel,
+                         glm::vec4(normal, 0)});
+  }
   grid.inverse_gradient_floor = 1 / (0.02f * contrast);
   grid.shade = options.shade;
   grid.light = {glm::vec3(glm::normalize(options.light)), 0};
@@ -203,6 +214,9 @@ Result<std::unique_ptr<VolumeScene>> make_volume_scene(Volume volume,
     return fail(ErrorCode::bad_file, v.source,
                 ": all values are NaN or infinite: nothing is "
                 "visible under any transfer function; write the volume again");
+  if (!bounds && !grid.clip.empty())
+    return fail_without("clip", ErrorCode::failed, v.source,
+                        ": nothing visible is left by the planes that clip it");
   if (!bounds)
     return fail(ErrorCode::failed, v.source, ": the transfer function '", transfer.name,
                 "' leaves nothing visible: its opacity is zero over all values of the volume (",

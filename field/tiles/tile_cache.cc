@@ -284,8 +284,8 @@ Result<void> TileCache::load_samples(LoadedTile& tile, const FoundTiles& found) 
   std::vector<ReferenceSamples> from;
   if (stored && !raw) {
     SLF_TRY(store.check(tile.ref));  // before what the payload names is loaded
-    const auto listed = is_known ? known->second.references : field_.references(tile.ref);
-    const auto references = SLF_TRY(listed);
+    auto listed = is_known ? known->second.references : field_.references(tile.ref);
+    const auto references = SLF_TRY(std::move(listed));
     for (const Reference& reference : references) {
       Pin loaded = SLF_TRY(load_one(reference.tile, found));
       const Pin& pin = pins.emplace_back(std::move(loaded));

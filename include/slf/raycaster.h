@@ -36,6 +36,13 @@ enum class Projection : std::uint8_t {
   mean,     ///< the mean
 };
 
+/// A cut through a volume. What lies on the side of the plane that its normal points to is removed;
+/// the face of the cut is a surface.
+struct ClipPlane {
+  glm::dvec3 point{0.0};         ///< world
+  glm::dvec3 normal{0, 0, 1.0};  ///< world, of any length but 0
+};
+
 struct RaycastOptions {
   /// The longest part of a ray that is one sample, in smallest voxel spacings, 0.01 to 100. A
   /// sample is never longer than a cell, so that a smaller step only refines what is converged.
@@ -49,7 +56,8 @@ struct RaycastOptions {
   float ambient = 0.3f;  ///< share of a colour that needs no light; the rest is Lambert's
   /// Unless its mode is Lighting::direct, it replaces `shade`, `light` and `ambient`.
   LightOptions lighting{};
-  Structures structures{};  ///< parts of the volume in colours of their own
+  Structures structures{};        ///< parts of the volume in colours of their own
+  std::vector<ClipPlane> clip{};  ///< each removes what lies beyond it
 };
 
 /// Options of computing a light volume. None of them changes its content.

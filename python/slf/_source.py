@@ -92,6 +92,9 @@ class Settings(SourceSettings, total=False):
     """False: colours as in the transfer function, unlit."""
     ambient: Optional[float]
     """Share of the shading, 0 to 1, of direct light."""
+    clip: Sequence[Sequence[float]]
+    """Planes (x, y, z, nx, ny, nz): what lies on the side of x, y, z that the normal points to is
+    removed."""
     projection: Optional[str]
     """"mip", "minip" or "mean"."""
     step: float

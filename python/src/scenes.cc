@@ -282,6 +282,12 @@ std::map<std::string, Set> setters(SceneDescription& d) {
       {"mask", volume_source(d.mask)},
       {"label_table", [&d](const py::handle& value) { set_styles(d, value); }},
       {"step", to(rays.step)},
+      {"clip",
+       [&rays](const py::handle& value) {
+         rays.clip.clear();
+         for (const auto& v : value.cast<std::vector<std::array<double, 6>>>())
+           rays.clip.push_back({{v[0], v[1], v[2]}, {v[3], v[4], v[5]}});
+       }},
       {"projection", choice(rays.projection, {{"mip", Projection::maximum},
                                               {"minip", Projection::minimum},
                                               {"mean", Projection::mean}})},

@@ -52,6 +52,15 @@ def test_types(kind, voxels, command, tmp_path):
     assert same_fields(tmp_path, command, file, array)
 
 
+def test_clip(voxels, command, tmp_path):
+    file = write_mha(tmp_path / "a.mha", voxels)
+    planes = [(3, 4, 5, 1, 0.5, 0), (4, 4, 4, 0, 0, -1)]
+    texts = [("--clip", ",".join(map(str, plane))) for plane in planes]
+    assert same_fields(tmp_path, command, file, voxels, sum(texts, ()), clip=planes)
+    with pytest.raises(ValueError, match="clip"):
+        slf.build(voxels, tmp_path / "b.slf", clip=[(1, 2, 3, 0, 0, float("nan"))])
+
+
 def test_orders_and_strides(voxels, command, tmp_path):
     file = write_mha(tmp_path / "a.mha", voxels)
     big = np.zeros([2 * n for n in voxels.shape], np.int16)

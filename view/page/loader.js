@@ -9,8 +9,8 @@ const kBatches = 2;   // batches at a time: one is fetched while another is deco
 
 // Loads the tiles that want() names, in their order, into the slots of the renderer.
 export class Loader {
-  constructor(field, renderer, decoders, onError) {
-    Object.assign(this, {field, renderer, onError});
+  constructor(field, renderer, decoders, onChange, onError) {
+    Object.assign(this, {field, renderer, onChange, onError});
     this.reader = new Reader(field, decoders, (tile) => this.place(tile, false));
     this.pages = new Uint16Array(field.shape.pages);  // as the GPU's page table
     this.loading = new Set();
@@ -19,7 +19,6 @@ export class Loader {
     this.free = Array.from({length: renderer.slots}, (_, i) => renderer.slots - 1 - i);
     this.now = 0;
     this.damaged = 0;
-    this.arrivals = 0;  // tiles that came
     this.full = false;  // whether a view needed more tiles than there are slots
     this.batches = 0;   // that are being loaded now
   }
@@ -69,6 +68,7 @@ export class Loader {
       this.onError(error);
     }
     --this.batches;
+    this.onChange();
   }
 
   // Puts a tile into a slot. `needed`: the view needs it, not only tiles that are predicted from
@@ -89,7 +89,7 @@ export class Loader {
     }
     this.pages[page] = value;
     this.renderer.setPage(page, value);
-    ++this.arrivals;
+    this.onChange();
   }
 
   // Frees the slot of the least recently needed tile and returns it. Level 0 stays.

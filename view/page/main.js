@@ -14,20 +14,15 @@ import {embeddedSource, fileSource, HttpSource} from './source.js';
 const kTileBytes = 192 << 20;  // of textures
 const kFrame = 40;             // milliseconds: slower frames of a moving camera have fewer pixels,
 const kMinScale = 0.2;         // but at least this share along each edge
-const kSlow = 150;             // milliseconds: graphics that take longer for a picture are slow
-const kFade = 12;              // frames until a finer picture has replaced a coarser one
-const kRise = 4;               // levels a second that a part of a moving picture gets finer by
-const kLook = 150;             // milliseconds between looks at whether a level is complete
+const kPause = 6;              // while tiles come, frames pause so many times as long as one takes
 const kAhead = 0.4;            // seconds that loading looks ahead of a moving camera
-const kMaxPanel = 0.1;         // of the page that the panel covers; a larger one starts folded
-const kLevel0 = 1 << 20;       // bytes: a level 0 of at most this size is loaded whole
+const kLevel0 = 2 << 20;       // bytes: a level 0 of at most this size is loaded whole
 
 // What an exported page has (view/bundle.h): `worker`, the script of the workers as a function, and
 // in one file also the module and the field.
 const inside = globalThis.slfInside;
 const byId = (id) => document.getElementById(id);
 const canvas = byId('picture');
-const calm = matchMedia('(prefers-reduced-motion: reduce)');
 const sleep = (ms) => new Promise((done) => setTimeout(done, ms));
 const human = (n) =>
   n < 1 << 20 ? `${(n / 1024).toFixed(0)} KiB` : `${(n / (1 << 20)).toFixed(1)} MiB`;
@@ -37,9 +32,10 @@ const settings = {
   mode: 'depth', level: 'auto', background: '#000000', curve: 'neutral', exposure: 0};
 let source, field, renderer, loader;
 let version = 0;       // counts changes of the view
+let dirty = true;      // the picture is not what the canvas shows
+let sharp = false;     // what the canvas shows was drawn in full resolution
 let movedAt = -1e9, lost = false, failed = false, ceiling = 99;
 let begun = false;     // the first tiles are loaded
-let whole = false;     // all of level 0 is loaded
 let first, complete;   // traffic() until the first picture, and until the first complete one
 
 // The interface for tests and scripts.
@@ -50,7 +46,7 @@ const page = globalThis.slf = {
                       tileBytes: renderer?.tileBytes ?? 0, damaged: loader?.damaged ?? 0}),
   camera,
   settings,
-  changed: moved,
+  changed,
   pages: () => field.shape.pages,
   read: (pages) => loader.reader.read(pages),
   frameTimes,
@@ -95,9 +91,9 @@ function currentView() {
 
 function changed() {
   ++version;
+  dirty = true;
+  pausedUntil = 0;
   ceiling = 99;
-  fading = 0;
-  drawMarks();
   if (page.state === 'settled') page.state = 'loading';
 }
 function moved() {
@@ -134,16 +130,13 @@ function resize() {
   if (canvas.width === width && canvas.height === height) return;
   canvas.width = width;
   canvas.height = height;
-  moved();
+  changed();
 }
 
 // ---- drawing ------------------------------------------------------------------------------------
 
 let before = 0, shown = 0, rateFrom = 0;
-let drawing = false, countedAt = 0;
-let fading = 0;        // frames until the canvas shows what sharpen() has drawn
-let stuck;             // the view and the tiles with which level 0 was incomplete, if it is
-let maskOf;            // the view that the renderer's mask is of
+let drawing = false, pausedUntil = 0, countedAt = 0;
 function frame(now) {
   requestAnimationFrame(frame);
   const elapsed = Math.min(now - before, 200);
@@ -154,39 +147,38 @@ function frame(now) {
     countedAt = now;
     showCounts();
   }
+  const moving = now - movedAt < 200;
   if (now - rateFrom > 500) {
-    byId('rate').textContent = moves(now) ? (shown * 1000 / (now - rateFrom)).toFixed(0) : '–';
+    byId('rate').textContent = moving ? (shown * 1000 / (now - rateFrom)).toFixed(0) : '–';
     shown = 0;
     rateFrom = now;
   }
-  if (drawing) return;
-  if (fading > 0) renderer.fade(1 / fading--);
-  // The first picture comes at once, of few pixels if graphics are slow.
-  else if (first ? moves(now) : whole) draw(elapsed / 1000).catch(fail);
+  if (!dirty || drawing || (!moving && now < pausedUntil)) return;
+  draw(moving).catch(fail);
 }
-const moves = (now) => now - movedAt < 200;
 
-// Draws a frame of a moving camera. While level 0 lacks tiles, the canvas keeps the last frame.
-async function draw(seconds) {
-  const view = currentView(), state = `${version} ${loader.arrivals}`;
-  if (state === stuck) return;
-  stuck = renderer.showMoving(view, kRise * seconds) ? undefined : state;
-  if (stuck) return;
-  maskOf = version;
-  await quickly(view);
-  if (lost) return;
-  renderer.fade(1);
+// Draws a frame. While the picture changes, slow graphics draw fewer pixels.
+async function draw(moving) {
+  const view = currentView(), pixels = canvas.width * canvas.height;
+  const scale = Math.sqrt(kFrame / (renderer.cost * pixels || kFrame / kMinScale ** 2));
+  const whole = !moving && (scale >= 1 || renderer.keeps(view) || page.state === 'settled');
+  drawMarks();
+  if (whole) {
+    await sharpen(view);
+  } else {
+    drawing = true;
+    dirty = sharp = false;
+    const begin = performance.now();
+    await renderer.draw(view, Math.min(1, Math.max(kMinScale, scale)));
+    pause(begin);
+    drawing = false;
+  }
   ++shown;
   first ??= traffic();
 }
-// The milliseconds that a picture takes.
-const pictureTime = () => renderer.cost * canvas.width * canvas.height;
-// Draws a picture, which has fewer pixels where graphics are slow.
-async function quickly(view) {
-  drawing = true;
-  const scale = Math.sqrt(kFrame / (pictureTime() || kFrame / kMinScale ** 2));
-  await renderer.draw(view, Math.min(1, Math.max(kMinScale, scale)));
-  drawing = false;
+function pause(begin) {
+  const now = performance.now();
+  pausedUntil = now + kPause * (now - begin);
 }
 
 // Draws the pixels of the view that are not final, in full resolution. Resolves to false if the
@@ -194,31 +186,13 @@ async function quickly(view) {
 async function sharpen(view) {
   const asked = version;
   while (drawing) await sleep(2);
-  if (version !== asked) return false;
   drawing = true;
-  const done = await renderer.sharpen(view, () => version === asked);
+  dirty = sharp = false;
+  const begin = performance.now(), done = await renderer.sharpen(view, () => version === asked);
+  pause(begin);
   drawing = false;
-  return done && version === asked;
-}
-
-// Draws the view at a level and shows it if no pixel lacks a tile of it. Slow graphics, which share
-// the processor with decoders, make fewer pixels of a level that another one will replace. Resolves
-// to whether the level is shown, and to the pages that it needs.
-async function finish(view, level) {
-  const part = {...view, level, stamp: `${view.stamp} ${level}`}, asked = version;
-  while (drawing) await sleep(2);
-  renderer.show(level, maskOf === version ? undefined : []);
-  maskOf = version;
-  let pages = new Set();
-  if (level < view.level && pictureTime() > kSlow) await quickly(part);
-  else if (await sharpen(part)) pages = await renderer.askAll(part);
-  else return {done: false, pages};
-  const done = pages.size === 0 && version === asked && !lost;
-  if (done) {
-    fading = calm.matches ? 1 : kFade;
-    first ??= traffic();
-  }
-  return {done, pages};
+  sharp = done;
+  return done;
 }
 
 // Draws the view `count` times in full. Resolves to the milliseconds that each picture took.
@@ -229,7 +203,6 @@ async function frameTimes(count) {
   for (let i = 0; i < count; ++i) {
     const begin = performance.now();
     await renderer.draw(currentView(), 1);
-    renderer.fade(1);
     times.push(performance.now() - begin);
   }
   drawing = false;
@@ -262,58 +235,45 @@ function drawMarks() {
 
 // ---- following ----------------------------------------------------------------------------------
 
-// Finds the tiles of the view and has them loaded, again and again. While the camera stands still,
-// a level is shown once it is complete: nobody sees a tile.
+// Finds the tiles of the view and has them loaded, again and again.
 async function follow() {
-  let seen, needed = new Set(), done = -1;  // done: the finest level that is shown
+  let seen, needed = new Set(), thorough = false, level0;
   await begin();
   while (!failed) {
     if (lost) {
-      done = -1;
       await sleep(50);
       continue;
     }
-    const view = currentView(), asked = version, moving = moves(performance.now());
+    const view = currentView(), asked = version, moving = performance.now() - movedAt < 200;
     if (view.stamp !== seen) {
       seen = view.stamp;
       needed = new Set();
-      done = -1;
+      thorough = false;
     }
-    // Level 0 first: everything else waits for it. Then a few rays find nearly all tiles. Once
-    // these are there, the rays of all pixels that are not final find the last ones.
-    const part = whole || (first && !stuck) ? view : {...view, level: 0};
-    if (moving || !loader.busy || needed.size === 0) {
-      const [pages] = await Promise.all([renderer.ask(part), field.prepare(view.level)]);
-      if (failed || lost) continue;
-      for (const at of pages) needed.add(at);
-    }
-    let absent = loader.want([...needed], !moving);
+    // A few rays find nearly all tiles. Once these are there, the rays of all pixels that are not
+    // final find the last ones.
+    if (thorough && !await sharpen(view)) continue;
+    const [pages] = await Promise.all([thorough ? renderer.askAll(view) : renderer.ask(view),
+                                       field.prepare(view.level)]);
+    if (failed || lost) continue;
+    for (const at of pages) needed.add(at);
+    const absent = loader.want([...needed], !moving);
     if (loader.full) {  // not all tiles of this level fit: draw a coarser one
       loader.full = false;
       ceiling = Math.max(0, view.level - 1);
-    } else if (moving && first) {
+    } else if (moving) {
       page.state = 'loading';
       if (absent === 0) await lookAhead(view, needed);
       await sleep(absent > 0 ? 15 : 0);
-    } else {
+    } else if (absent > 0 || version !== asked || dirty || !sharp) {
       page.state = 'loading';
-      const reach = absent === 0 && !loader.busy ? part.level
-                                                 : Math.min(...renderer.survey(view));
-      if (reach > done) {
-        const found = await finish(view, reach);
-        if (version !== asked) continue;
-        if (found.done) done = reach;
-        // Levels between come with the finest, which is predicted from them.
-        else if (reach === part.level) for (const at of found.pages) needed.add(at);
-        absent = loader.want([...needed], true);
-      }
-      if (done < view.level) {
-        if (absent > 0) await arrived(asked);
-        continue;
-      }
+      thorough = true;
+      await arrived(asked);
+    } else {
       complete ??= traffic();
-      while (fading > 0 && version === asked && !lost) await sleep(5);
-      if (version !== asked) continue;
+      level0 ??= await allOfLevel0();
+      if (version !== asked) continue;  // the view has changed meanwhile
+      loader.want([...needed, ...level0]);
       page.state = 'settled';
       keepLink();
       while (version === asked && !lost && !failed) await sleep(20);
@@ -321,25 +281,19 @@ async function follow() {
   }
 }
 
-// Loads level 0, beginning with what the view needs most, so that something is seen soon. If it is
-// small, then all of it: a camera that turns always has something to draw, and many tiles are
-// predicted from it.
+// Loads the tiles of level 0 that matter most, so that something is seen soon.
 async function begin() {
-  loader.want(field.firstTiles(camera, canvas.width, canvas.height), true);
+  const pages = field.firstTiles(camera, canvas.width, canvas.height);
+  loader.want(pages, true);
   field.prepare(currentView().level).catch(fail);
-  const count = field.shape.pageBase[1] || field.shape.pages, all = [...Array(count).keys()];
-  whole = count <= renderer.slots / 2 && await field.payloadBytes(all) <= kLevel0;
-  if (whole) loader.want(all, true);
-  while ((loader.busy || lost) && !failed) await sleep(5);
-  await renderer.ready;
-  begun = true;
+  await Promise.all([arrived(version), renderer.ready]);
+  begun = dirty = true;
+  pausedUntil = 0;
 }
 
-// Waits until more tiles have come, or the view changes.
+// Waits until all tiles that are on their way have come, or the view changes.
 async function arrived(asked) {
-  const {arrivals} = loader, until = performance.now() + kLook;
-  while (loader.busy && version === asked && !lost && !failed &&
-         (performance.now() < until || loader.arrivals === arrivals)) await sleep(5);
+  while (loader.busy && version === asked && !lost && !failed) await sleep(5);
 }
 
 // Loads what the view will need soon.
@@ -349,6 +303,15 @@ async function lookAhead(view, needed) {
   ahead.advance(kAhead);
   const pages = await renderer.ask({...view, camera: ahead, stamp: undefined});
   if (!failed && !lost) loader.want([...needed, ...pages]);
+}
+
+// Resolves to the pages of level 0 if it is small: then a camera that turns always has something to
+// draw, and many tiles are predicted from it.
+async function allOfLevel0() {
+  const count = field.shape.pageBase[1] || field.shape.pages;
+  if (count > renderer.slots / 2) return [];
+  const pages = [...Array(count).keys()];
+  return await field.payloadBytes(pages) <= kLevel0 ? pages : [];
 }
 
 // ---- the panel ----------------------------------------------------------------------------------
@@ -422,7 +385,7 @@ function actions() {
   kChoices.forEach((name) => choose(name, name));
   byId('fold').onclick = fold;
   byId('spin').onchange = spin;
-  byId('marks').onchange = drawMarks;
+  byId('marks').onchange = () => { dirty = true; };
   byId('reset').onclick = reset;
   byId('full').onclick = fill;
   byId('about').onclick = showFacts;
@@ -444,8 +407,7 @@ function actions() {
     setTimeout(() => say(''), 2500);
   };
   attach(canvas, camera, moved, {r: reset, f: fill, h: fold, ' ': toggleSpin});
-  const {offsetWidth, offsetHeight} = byId('panel');
-  if (offsetWidth * offsetHeight > kMaxPanel * innerWidth * innerHeight) fold();
+  if (matchMedia('(max-width: 520px)').matches) fold();
 }
 
 const kChoices = ['mode', 'level', 'background', 'curve', 'exposure'];
@@ -491,8 +453,7 @@ async function findField() {
   }
   if (url.protocol === 'file:') return fileSource(await chosenFile());
   return new HttpSource(url, (done, total) => say('This host serves only whole files. Fetched ' +
-    human(done) + (total ? ` of ${human(total)}` : '')), fail,
-    (waits) => say(waits ? 'Waiting for the network…' : ''));
+    human(done) + (total ? ` of ${human(total)}` : '')), fail);
 }
 // Resolves to a file of this machine that the reader chooses.
 function chosenFile() {
@@ -560,22 +521,20 @@ async function start() {
   resize();
   renderer.open(field.shape, kTileBytes);
   fillPanel();
-  loader = new Loader(field, renderer, decoders, fail);
+  loader = new Loader(field, renderer, decoders, () => { dirty = true; }, fail);
   canvas.addEventListener('webglcontextlost', (event) => {
     event.preventDefault();
     lost = true;
-    fading = 0;
     say('The graphics card was reset; waiting for it.');
   });
   canvas.addEventListener('webglcontextrestored', () => {
     renderer = new Renderer(canvas);
     renderer.open(field.shape, kTileBytes);
     loader.restart(renderer);
-    whole = false;
     renderer.ready.then(() => {
       lost = false;
       say('');
-      moved();
+      changed();
     }).catch(fail);
   });
   new ResizeObserver(resize).observe(canvas);

@@ -2,13 +2,11 @@
 // views, and runs the passes that find out which tiles a view needs. After the graphics context is
 // lost, a new Renderer can replace it.
 
-import {kCurves, kDraw, kFade, kFeedback, kMaskScale, kTableBits, kVertex} from './shader.js';
+import {kCurves, kDraw, kFeedback, kTableBits, kVertex} from './shader.js';
 
 const kTableWidth = 1 << kTableBits;
 const kFeedbackSize = 512;  // rays along an edge of a pass that finds the tiles of a view, at most
 const kFewRays = 128;       // the same for a quick pass, which finds nearly all of them
-const kCells = 64;          // across the picture, that may show different levels
-const kSlope = 1 / 6;       // of a level: the most that two adjacent cells differ by
 const kStrip = 60;          // milliseconds that drawing a strip may take
 
 function program(gl, fragment) {
@@ -50,11 +48,9 @@ export class Renderer {
     this.canvas = canvas;
     this.drawProgram = program(gl, kDraw);
     this.feedbackProgram = program(gl, kFeedback);
-    this.fadeProgram = program(gl, kFade);
     this.pass = 0;
     this.cost = 0;         // milliseconds a pixel, as the last picture took them; 0: not known
     this.kept = undefined; // of which view the final pixels are kept: its stamp
-    this.mask = undefined; // the level that each cell shows
     this.makeTargets();
     this.ready = this.warm();
     this.ready.catch(() => {});
@@ -71,10 +67,9 @@ export class Renderer {
       this.setSamplers(program_);
       gl.drawArrays(gl.TRIANGLES, 0, 3);
     }
-    await compiled(gl, this.fadeProgram);
   }
   setSamplers({at}) {
-    ['uTables', 'uPages', 'uColor', 'uDepth', 'uKept', 'uPicture', 'uMask'].forEach(
+    ['uTables', 'uPages', 'uColor', 'uDepth', 'uKept'].forEach(
       (name, i) => this.gl.uniform1i(at(name), i));
   }
   bindFeedback() { this.gl.bindFramebuffer(this.gl.FRAMEBUFFER, this.feedbackTarget); }
@@ -215,58 +210,13 @@ export class Renderer {
     const gl = this.gl, {width, height} = this.canvas, {at} = this.drawProgram;
     this.bindPicture();
     this.use(this.drawProgram, view, width, height);
-    const [across, down] = this.grid(kCells);
-    gl.uniform2f(at('uCells'), width / across / this.picture.columns,
-                 height / down / this.picture.rows);
     gl.uniform3fv(at('uBackground'), view.background);
     gl.uniform1i(at('uCurve'), kCurves.indexOf(view.curve));
     gl.uniform1f(at('uGain'), 2 ** view.exposure);
   }
 
-  // Sets the level that each cell of the picture shows. Between two integers both levels are
-  // blended. Without a list, all cells show at least `level`.
-  show(level, levels) {
-    const gl = this.gl;
-    this.bindPicture();
-    const {columns, rows} = this.picture;
-    levels ??= this.mask ?? [];
-    this.mask = Float32Array.from({length: columns * rows},
-                                  (_, i) => Math.max(level, levels[i] ?? 0));
-    gl.activeTexture(gl.TEXTURE6);
-    gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1);
-    gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, columns, rows, gl.RED, gl.UNSIGNED_BYTE,
-                     Uint8Array.from(this.mask, (v) => Math.round(v * 255 / kMaskScale)));
-  }
-  // The finest level that has all tiles for a ray of each cell, from -1, as far as `level`.
-  survey(view) {
-    const gl = this.gl, [w, h] = this.cast({...view, stamp: undefined}, kCells, this.pass++, true);
-    const words = new Uint32Array(w * h * 4);
-    gl.readBuffer(gl.COLOR_ATTACHMENT0);
-    gl.readPixels(0, 0, w, h, gl.RGBA_INTEGER, gl.UNSIGNED_INT, words);
-    return Float32Array.from({length: w * h}, (_, i) => words[4 * i + 3] - 1);
-  }
-  // Lets the cells of a moving picture show what survey() found, without steps between cells. No
-  // cell rises by more than `rise` levels. Returns false if level 0 is incomplete.
-  showMoving(view, rise) {
-    this.bindPicture();
-    const found = this.survey(view), before = this.mask ?? [];
-    if (found.some((level) => level < 0)) return false;
-    const {columns} = this.picture;
-    const levels = found.map((v) => v < view.level ? v - kSlope : v);
-    const limit = (at, by) => { levels[at] = Math.min(levels[at], levels[by] + kSlope); };
-    const each = (at, step) => {
-      if (step < 0 ? at % columns : (at + 1) % columns) limit(at, at + step);
-      const beside = at + step * columns;
-      if (beside >= 0 && beside < levels.length) limit(at, beside);
-    };
-    for (let at = 0; at < levels.length; ++at) each(at, -1);
-    for (let at = levels.length - 1; at >= 0; --at) each(at, 1);
-    this.show(0, levels.map((v, i) => Math.min(v, (before[i] ?? v) + rise)));
-    return true;
-  }
-
-  // Draws a picture for fade(). `scale` <= 1: with so many pixels along each edge. Resolves when
-  // the GPU is done.
+  // Draws onto the canvas. `scale` <= 1: with so many pixels along each edge, then enlarged.
+  // Resolves when the GPU is done.
   async draw(view, scale) {
     const gl = this.gl, {width, height} = this.canvas;
     const w = Math.max(1, Math.round(width * scale)), h = Math.max(1, Math.round(height * scale));
@@ -275,13 +225,12 @@ export class Renderer {
     gl.viewport(0, 0, w, h);
     gl.uniform2f(this.drawProgram.at('uScale'), width / w, height / h);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
-    this.drawn = [w, h];
+    this.present(w, h);
     await this.timed(w * h);
   }
 
   // Draws all pixels that are not final, in strips, so that other work for the GPU need not wait
-  // long. fade() shows them. Resolves to whether that is done: it ends early once `wanted()` is
-  // false.
+  // long. Resolves to whether that is done: it ends early once `wanted()` is false.
   async sharpen(view, wanted) {
     const gl = this.gl, {width, height} = this.canvas, again = this.keeps(view);
     if (!again) this.kept = undefined;
@@ -302,25 +251,9 @@ export class Renderer {
     gl.activeTexture(gl.TEXTURE4);
     gl.copyTexSubImage2D(gl.TEXTURE_2D, 0, 0, 0, 0, 0, width, height);
     this.kept = view.stamp;
-    this.drawn = [width, height];
+    this.present(width, height);
     await this.done();
     return true;
-  }
-
-  // Shows the picture that was drawn, over what the canvas shows.
-  fade(opacity) {
-    const gl = this.gl, {width, height} = this.canvas;
-    gl.bindFramebuffer(gl.FRAMEBUFFER, null);
-    gl.viewport(0, 0, width, height);
-    gl.useProgram(this.fadeProgram.result);
-    this.setSamplers(this.fadeProgram);
-    gl.uniform2f(this.fadeProgram.at('uSize'), width, height);
-    gl.uniform2fv(this.fadeProgram.at('uDrawn'), this.drawn);
-    gl.enable(gl.BLEND);
-    gl.blendColor(0, 0, 0, opacity);
-    gl.blendFunc(gl.CONSTANT_ALPHA, gl.ONE_MINUS_CONSTANT_ALPHA);
-    gl.drawArrays(gl.TRIANGLES, 0, 3);
-    gl.disable(gl.BLEND);
   }
 
   // Binds the framebuffer that pictures are drawn to.
@@ -334,21 +267,19 @@ export class Renderer {
         (unit) => this.texture(unit, gl.TEXTURE_2D, gl.RGBA8, width, height));
       gl.bindFramebuffer(gl.FRAMEBUFFER, framebuffer);
       gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, textures[0], 0);
-      const [across, down] = this.grid(kCells);
-      const columns = Math.ceil(width / across), rows = Math.ceil(height / down);
-      textures.push(this.texture(6, gl.TEXTURE_2D, gl.R8, columns, rows));
-      for (const unit of [5, 6]) {
-        gl.activeTexture(gl.TEXTURE0 + unit);
-        for (const name of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER])
-          gl.texParameteri(gl.TEXTURE_2D, name, gl.LINEAR);
-        for (const name of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T])
-          gl.texParameteri(gl.TEXTURE_2D, name, gl.CLAMP_TO_EDGE);
-      }
-      this.mask = undefined;
-      this.picture = {width, height, textures, framebuffer, columns, rows};
+      this.picture = {width, height, textures, framebuffer};
     }
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.picture.framebuffer);
   }
+  // Shows a part of what was drawn, on the whole canvas.
+  present(w, h) {
+    const gl = this.gl, {width, height} = this.canvas;
+    gl.bindFramebuffer(gl.READ_FRAMEBUFFER, this.picture.framebuffer);
+    gl.bindFramebuffer(gl.DRAW_FRAMEBUFFER, null);
+    gl.blitFramebuffer(0, 0, w, h, 0, 0, width, height, gl.COLOR_BUFFER_BIT,
+                       w === width && h === height ? gl.NEAREST : gl.LINEAR);
+  }
+
   // Resolves when the GPU has done what it was told so far.
   async done() {
     const {gl} = this, fence = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
@@ -385,23 +316,16 @@ export class Renderer {
   // How many pixels across and down share one of at most `size` × `size` rays.
   grid(size) { return [this.canvas.width, this.canvas.height].map((n) => Math.ceil(n / size)); }
 
-  // Casts a ray for each cell of the grid, through its pixel number `choice`. Returns how many
-  // cells there are across and down.
-  cast(view, size, choice, surveys) {
+  // Finds the pages for one pixel of each cell of the grid: pixel number `choice`.
+  async askRays(view, size, choice) {
     const gl = this.gl, {width, height} = this.canvas, [across, down] = this.grid(size);
-    const w = Math.ceil(width / across), h = Math.ceil(height / down), {at} = this.feedbackProgram;
+    const w = Math.ceil(width / across), h = Math.ceil(height / down);
     this.bindFeedback();
     gl.viewport(0, 0, w, h);
     this.use(this.feedbackProgram, view, width, height);
-    gl.uniform2f(at('uStep'), across, down);
-    gl.uniform2f(at('uShift'), choice % across, Math.floor(choice / across) % down);
-    gl.uniform1i(at('uSurveys'), surveys ? 1 : 0);
+    gl.uniform2f(this.feedbackProgram.at('uStep'), across, down);
+    gl.uniform2f(this.feedbackProgram.at('uShift'), choice % across, Math.floor(choice / across));
     gl.drawArrays(gl.TRIANGLES, 0, 3);
-    return [w, h];
-  }
-  // Finds the pages for one pixel of each cell of the grid: pixel number `choice`.
-  async askRays(view, size, choice) {
-    const gl = this.gl, [w, h] = this.cast(view, size, choice, false);
     this.readBuffers.forEach((buffer, i) => {
       gl.readBuffer(gl.COLOR_ATTACHMENT0 + i);
       gl.bindBuffer(gl.PIXEL_PACK_BUFFER, buffer);

@@ -284,14 +284,11 @@ bool meet(vec2 at, out vec3 P, out vec3 Q) {
 }
 `;
 
-export const kMaskScale = 12;  // level that 255 stands for in the mask; above kMaxLevels
 export const kCurves = ['none', 'neutral', 'srgb'];
 
 export const kDraw = common(true) + `
 uniform vec3 uBackground;
 uniform vec2 uScale;  // of the drawn part to the picture
-uniform sampler2D uMask;  // the level that each cell shows, over ${kMaskScale}: 1.5 blends 1 and 2
-uniform vec2 uCells;      // how many cells the picture has across and down
 uniform int uCurve;   // of kCurves
 uniform float uGain;
 out vec4 result;
@@ -316,27 +313,22 @@ vec4 mapped(vec4 radiance) {
   return vec4(radiance.a * mix(high, low, vec3(lessThanEqual(color, vec3(0.0031308)))), radiance.a);
 }
 
-// The result's alpha is 1 where no tile of the level will change it.
+// The result's alpha is 1 where no tile will change it.
 // Software graphics take the time of branches that no pixel takes, but not that of loops.
 void main() {
   columns = (uExitSide + 1) * (uExitSide + 2) / 2;
   bool kept = uKeeps && texelFetch(uKept, ivec2(gl_FragCoord.xy), 0).a == 1.0;
   vec3 P, Q;
   bool meets = meet(gl_FragCoord.xy * uScale, P, Q);
-  float shown = texture(uMask, gl_FragCoord.xy * uScale / uSize * uCells).r * ${kMaskScale}.0;
-  shown = round(shown * 20.0) / 20.0;
   vec4 pixel = vec4(0);
-  float final_ = 1.0, rest = 1.0;  // rest: the weight that coarser levels still have
-  for (int level = kept || !meets ? -1 : int(ceil(shown)); level >= 0 && rest > 0.0; --level) {
+  float final_ = 1.0;
+  for (int level = kept || !meets ? -1 : uLevel; level >= 0; --level) {
     ivec3 first, last;
     float t;
-    vec4 color;
-    int state = draw(level, P, Q, color, first, last, t);
-    if (state == kWaiting && level <= uLevel) final_ = 0.0;
-    if (state != kDone && level > 0) continue;
-    float weight = rest * min(1.0, shown - float(level) + 1.0);
-    pixel += weight * color;
-    rest -= weight;
+    int state = draw(level, P, Q, pixel, first, last, t);
+    if (state == kWaiting) final_ = 0.0;
+    if (state == kDone || (state == kWaiting && level == 0)) break;  // show what is loaded
+    pixel = vec4(0);
   }
   if (kept) discard;
   pixel = mapped(pixel);
@@ -346,12 +338,10 @@ void main() {
 // Records the tiles that some of the picture's rays need, but none of pixels that are final. Each
 // pass chooses other rays. If a tile is missing from the field, the next coarser level is used, as
 // when drawing. While tiles of a level are not loaded, a coarser level gives an estimate of where
-// the chord meets something, and so of the tiles that the ray will need. A survey finds the finest
-// level that has all tiles of a ray.
+// the chord meets something, and so of the tiles that the ray will need.
 export const kFeedback = common(false) + `
 const float kNeighbourOffset = 0.02;  // of the height of the picture
 uniform vec2 uStep, uShift;
-uniform bool uSurveys;
 layout(location = 0) out uvec4 needed0;
 layout(location = 1) out uvec4 needed1;
 
@@ -383,15 +373,14 @@ void main() {
   vec4 pixel;
   ivec3 first = ivec3(0), last = ivec3(0);
   float t;
-  int level = asks ? uLevel : -1, state = kDone, reach = uLevel;
+  int level = asks ? uLevel : -1, state = kDone;
   for (; level >= 0; --level) {
     state = draw(level, P, Q, pixel, first, last, t);
-    if (state == kWaiting) reach = level - 1;
-    if (state == kDone || level == 0 || (state == kWaiting && !uSurveys)) break;
+    if (state != kUnavailable || level == 0) break;
   }
-  needed0 = uvec4(first, reach + 1);
+  needed0 = uvec4(first, state);
   needed1 = uvec4(last, 0);
-  bool guesses = uMode == 1 && state == kWaiting && !uSurveys;
+  bool guesses = uMode == 1 && state == kWaiting;
   bool corrects = last != ivec3(0);  // then the first tiles are loaded: the estimate replaces them
   // Edges lie elsewhere in the finer level, so the estimate comes from a nearby ray.
   vec3 P2 = P, Q2 = Q;
@@ -407,14 +396,4 @@ void main() {
     if (t >= 0.0 && !corrects) needed1.xyz = pages;
     return;
   }
-}`;
-
-export const kFade = `#version 300 es
-precision highp float;
-uniform sampler2D uPicture;
-uniform vec2 uSize, uDrawn;  // of the canvas; of the part of the picture that was drawn
-out vec4 result;
-void main() {
-  vec2 at = min(gl_FragCoord.xy / uSize * uDrawn, uDrawn - 0.5);
-  result = texture(uPicture, at / vec2(textureSize(uPicture, 0)));
 }`;

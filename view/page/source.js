@@ -6,9 +6,7 @@ const kFooter = 48;               // bytes of the footer of an index
 const kChanged = 'The field has changed on its host. Reload the page.';
 const kEnd = 64 << 10;           // bytes of its end, where an index may be
 const kSmallFile = 'style.css';  // of the page, on the same host as the field
-const kRetries = 4;               // of a request before the field is open; then there is no limit
-const kLongPause = 5000;          // milliseconds: the longest time before the next try
-const kSilent = 20000;            // an answer of which nothing comes for so long is given up
+const kRetries = 4;
 const kMaxWhole = 64 << 20;      // bytes of a field that is fetched whole, without ranges
 
 // Requests for single ranges
@@ -31,10 +29,6 @@ const kMixed = /^multipart\/byteranges/i;
 
 const sleep = (ms) => new Promise((done) => setTimeout(done, ms));
 
-// Ends early when the browser is online again.
-const pause = (ms) => Promise.race([
-  sleep(ms), new Promise((done) => addEventListener('online', done, {once: true}))]);
-
 const kNoRanges = 'The host of this field does not serve parts of files (HTTP ranges). ';
 const kTooLarge = kNoRanges + 'Without them, a field of at most 64 MiB is fetched whole, and ' +
                   'this one is larger. Use another host, slf view, or slf export --max-size.';
@@ -43,11 +37,10 @@ const kCutShort = 'The host cut an answer short.';
 // A file on a host of static files, read by ranges. Without ranges, a small file is fetched whole.
 export class HttpSource {
   // `onProgress(done, total)` is called while a file is fetched whole; NaN: the total is unknown.
-  // `onError(error)`: the file has changed after parts of it were read. `onWait(waits)`: the host
-  // is silent, or answers again.
-  constructor(url, onProgress, onError, onWait) {
+  // `onError(error)`: the file has changed after parts of it were read.
+  constructor(url, onProgress, onError) {
     this.url = new URL(url, document.baseURI);
-    Object.assign(this, {onProgress, onError, onWait});
+    Object.assign(this, {onProgress, onError});
     this.bytes = this.requests = 0;
     this.roundTrips = 0;  // the longest chain of answers, each before the next request
     this.kept = [];       // answers with bytes that were not asked for, the oldest first
@@ -166,23 +159,17 @@ export class HttpSource {
 
   // Requests ranges, and repeats a request that may succeed later. Refuses an answer with the whole
   // file, unless it may be that (`orWhole`); then the result has no parts.
-  async request(ranges, {orWhole = false, came = () => {}, retries} = {}) {
-    retries ??= this.check ? Infinity : kRetries;
+  async request(ranges, {orWhole = false, came = () => {}, retries = kRetries} = {}) {
     const trip = this.roundTrips + 1;
     for (let attempt = 0;; ++attempt) {
       const stop = new AbortController();
-      let wrong, timer;
-      const awaited = (promise) => {
-        clearTimeout(timer);
-        timer = setTimeout(() => stop.abort(), kSilent);
-        return promise;
-      };
+      let wrong;
       const refuse = (text) => { throw new Error(wrong = text); };
       try {
         ++this.requests;
         // A browser's cache would split a range around the parts of it that it has.
-        const response = await awaited(fetch(this.url, {
-          headers: {Range: 'bytes=' + ranges}, cache: 'no-store', signal: stop.signal}));
+        const response = await fetch(this.url, {headers: {Range: 'bytes=' + ranges},
+                                                cache: 'no-store', signal: stop.signal});
         const {status, headers} = response, answer = new Answer(response, ranges, orWhole);
         if (status === 206) {
           const tag = headers.get('ETag') ?? headers.get('Last-Modified');
@@ -194,9 +181,8 @@ export class HttpSource {
             stop.abort();
             refuse(kTooLarge);
           }
-          const {value, done} = await awaited(reader.read());
+          const {value, done} = await reader.read();
           if (done) return answer;
-          if (this.waits) this.onWait?.(this.waits = false);
           this.bytes += value.length;
           this.roundTrips = Math.max(this.roundTrips, trip);
           answer.add(value);
@@ -209,12 +195,9 @@ export class HttpSource {
       } catch (error) {
         if (error.message === wrong) throw error;
         wrong = this.silence();
-      } finally {
-        clearTimeout(timer);
       }
       if (attempt === retries) throw new Error(wrong);
-      if (attempt > 0 && !this.waits) this.onWait?.(this.waits = true);
-      await pause(Math.min(200 * 2 ** attempt, kLongPause));
+      await sleep(200 * 2 ** attempt);
     }
   }
   // Why there may be no answer; browsers do not tell.

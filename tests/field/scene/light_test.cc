@@ -241,17 +241,30 @@ TEST(Light, ACutFaceIsASurface) {
   Volume block = volume_of({24, 24, 24}, [](glm::ivec3 at) { return 150 + 4 * at.x; });
   block.axes[2] = {0, 0, 2};
   const TransferFunction t = material(glm::dvec3(1), {{90, 0}, {91, 1}});
-  for (const double z : {1.0, 0.5, -1.0}) {
-    const glm::dvec3 light = glm::normalize(glm::dvec3(0, std::sqrt(1 - z * z), z));
-    const RaycastOptions options = lit(sun(light), Lighting::shadowed);
-    const auto reference = PathTracer::make(block, t, options, {64, 1});
-    const auto volume = Raycaster::make(block, t, options);
-    ASSERT_TRUE(reference && volume);
-    for (const Scene* scene :
-         {static_cast<const Scene*>(reference->get()), static_cast<const Scene*>(volume->get())})
-      EXPECT_NEAR(scene->trace({11.3, 11.6, 60}, {11.3, 11.6, -30}).rgba.r, std::max(z, 0.0), 0.06)
-          << z;
-  }
+  // The face of the volume; that of a clip; and that of a clip that is oblique.
+  const std::vector<ClipPlane> clips[]{
+      {}, {{{0, 0, 20.7}, {0, 0, 3}}}, {{{11.3, 11.6, 20.7}, {0, 0.6, 0.8}}}};
+  for (const std::vector<ClipPlane>& clip : clips)
+    for (const double cosine : {1.0, 0.5, -1.0}) {
+      const glm::dvec3 normal = clip.empty() ? glm::dvec3(0, 0, 1) : glm::normalize(clip[0].normal);
+      const glm::dvec3 side(0, normal.z, -normal.y);
+      RaycastOptions options =
+          lit(sun(cosine * normal + std::sqrt(1 - cosine * cosine) * side), Lighting::shadowed);
+      options.clip = clip;
+      const auto reference = PathTracer::make(block, t, options, {64, 1});
+      const auto volume = Raycaster::make(block, t, options);
+      options.light = options.lighting.rig.lights[0].direction;
+      options.lighting.mode = Lighting::direct;
+      options.ambient = 0;
+      const auto direct = Raycaster::make(block, t, options);
+      ASSERT_TRUE(reference && volume && direct);
+      std::vector<const Scene*> scenes{reference->get(), volume->get()};
+      if (!clip.empty()) scenes.push_back(direct->get());
+      for (const Scene* scene : scenes)
+        EXPECT_NEAR(scene->trace({11.3, 11.6, 60}, {11.3, 11.6, -30}).rgba.r, std::max(cosine, 0.0),
+                    0.06)
+            << cosine << " " << normal.y;
+    }
 }
 
 TEST(Light, ASurfaceThatFacesTheLightIsWhite) {

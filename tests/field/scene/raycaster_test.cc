@@ -524,6 +524,57 @@ TEST(Raycaster, NothingVisibleAndBadOptionsAreErrors) {
   EXPECT_EQ(Raycaster::make(volume(), ramp(1, 5, 1), dark).error().code, ErrorCode::usage);
 }
 
+TEST(Raycaster, AClipAtVoxelsShowsWhatACropShows) {
+  const auto inside = [](int x, int y, int z) {
+    const auto in = [](int v) { return v >= 4 && v < 26; };
+    return in(x) && in(y) && in(z) ? 200 : 0;
+  };
+  const Volume box = make_volume<std::uint8_t>({30, 30, 30}, ScalarType::u8, inside);
+  Volume cropped = make_volume<std::uint8_t>(
+      {20, 30, 15}, ScalarType::u8, [&](int x, int y, int z) { return inside(x, y, z + 15); });
+  cropped.origin.z = 15;
+  for (const double opacity : {0.05, 1.0})
+    for (const Lighting mode : {Lighting::direct, Lighting::global}) {
+      RaycastOptions options;
+      options.lighting.mode = mode;
+      options.lighting.samples = 64;
+      options.shade = false;
+      const auto crop = make(cropped, ramp(90, 110, opacity), options);
+      options.clip = {{{19, 3, 3}, {2, 0, 0}}, {{-7, 0, 15}, {0, 0, -1}}};
+      const auto clip = make(box, ramp(90, 110, opacity), options);
+      EXPECT_EQ(clip->bounds().center, crop->bounds().center);
+      EXPECT_EQ(clip->bounds().radius, crop->bounds().radius);
+      EXPECT_GT(psnr_between(*clip, *crop), mode == Lighting::direct ? 90 : 45)
+          << opacity << " " << static_cast<int>(mode);
+    }
+}
+
+TEST(Raycaster, ClippedRaysEndAtThePlanes) {
+  const Volume block =
+      make_volume<std::uint8_t>({24, 24, 24}, ScalarType::u8, [](int, int, int) { return 200; });
+  RaycastOptions options;
+  options.clip = {{{10.3, 0, 0}, {-1, 0, 0}}, {{13.4, 7.7, 0}, {1, 0, 0}}};
+  const auto slab = make(block, constant(0.2), options);
+  const glm::dvec3 from(-40, 11.2, 11.3), to(60, 11.2, 11.3);
+  const RaySample seen = slab->trace(from, to), back = slab->trace(to, from);
+  EXPECT_NEAR(seen.rgba.a, 1 - std::pow(0.8, 3.1), 1e-3);
+  EXPECT_NEAR(back.rgba.a, seen.rgba.a, 1e-5);
+  EXPECT_GT(seen.depth, 0.503);
+  EXPECT_LT(seen.depth, 0.534);
+  EXPECT_EQ(slab->trace({5, -40, 5}, {5, 60, 5}).rgba.a, 0);
+  EXPECT_NEAR(slab->trace({11.9, -40, 5}, {11.9, 60, 5}).rgba.a, 1 - std::pow(0.8, 23), 1e-3);
+  EXPECT_EQ(raycast_options(slab->provenance()).clip.size(), 2u);
+  EXPECT_EQ(raycast_options(slab->provenance()).clip[1].point, glm::dvec3(13.4, 7.7, 0));
+
+  options.clip.push_back({{11, 0, 0}, {1, 0, 0}});
+  options.clip.push_back({{11.5, 0, 0}, {-1, 0, 0}});
+  const auto nothing = Raycaster::make(block, constant(0.2), options);
+  ASSERT_FALSE(nothing);
+  EXPECT_NE(nothing.error().message.find("clip"), std::string::npos);
+  options.clip = {{{0, 0, 0}, {0, 0, 0}}};
+  EXPECT_EQ(Raycaster::make(block, constant(0.2), options).error().code, ErrorCode::usage);
+}
+
 TEST(Raycaster, DegenerateRaysSeeNothing) {
   const auto caster = make(blobs(1), ramp(20, 120, 0.6));
   EXPECT_EQ(caster->trace({10, 10, 10}, {10, 10, 10}).rgba.a, 0);
