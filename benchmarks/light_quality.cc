@@ -1,15 +1,15 @@
 // How good a light volume is, and what it takes: beside path tracing, and beside itself.
 //
 //   light_quality VOLUME --transfer T [--crop X:X,Y:Y,Z:Z] [--rig NAME] [--size N] [--views N]
-//                 [--reference N] [--node-spacing S,...] [--samples N,...] [--difference OUT.png]
-//                 [--field F.slf] [--keep PREFIX]
+//                 [--reference N] [--node-spacing S,...] [--samples N,...] [--seeds N]
+//                 [--difference OUT.png] [--field F.slf] [--keep PREFIX]
 //
 // Prints JSON. For each spacing and number of samples: seconds that the light volume takes; its
-// noise, which is the standard deviation over two seeds divided by the mean of radiance, over the
-// pixels that show something; PSNR and SSIM of views (neutral tone mapping) against the reference;
-// and slabs per second with it and with direct light. With a field of the same volume and light:
-// its PSNR, the time of a view from it, and how long path tracing takes to the same PSNR. All
-// seconds are of the processor, on all threads: N cores take an Nth of them.
+// noise, which is the standard deviation over the seeds (2) divided by the mean of radiance, over
+// the pixels that show something; PSNR and SSIM of views (neutral tone mapping) of the first seed
+// against the reference; and slabs per second with it and with direct light. With a field of the
+// same volume and light: its PSNR, the time of a view from it, and how long path tracing takes to
+// the same PSNR. All seconds are of the processor, on all threads: N cores take an Nth of them.
 //
 // The reference is noisy, too. It is rendered twice, as A and B, and the mean squared error of a
 // picture P is estimated as that of (P - A)(P - B), in which the noise of A and B cancels.
@@ -85,12 +85,16 @@ struct Noise {
   double squares = 0, sum = 0;
   std::size_t count = 0;
 
-  void add(const Image& a, const Image& b) {
-    for (std::size_t k = 0; k < a.rgba.size(); ++k) {
-      if (a.rgba[k].a < 0.5f) continue;
-      const double d = a.rgba[k].g - b.rgba[k].g;
-      squares += d * d / 2;
-      sum += a.rgba[k].g;
+  /// Adds a view, as several seeds show it.
+  void add(std::span<const Image> seeds) {
+    const auto n = static_cast<double>(seeds.size());
+    for (std::size_t k = 0; k < seeds[0].rgba.size(); ++k) {
+      if (seeds[0].rgba[k].a < 0.5f) continue;
+      double mean = 0;
+      for (const Image& image : seeds) mean += image.rgba[k].g / n;
+      for (const Image& image : seeds)
+        squares += (image.rgba[k].g - mean) * (image.rgba[k].g - mean) / (n - 1);
+      sum += mean;
       ++count;
     }
   }
@@ -130,7 +134,7 @@ double slab_rate(const Raycaster& caster) {
 struct Arguments {
   cli::SourceArguments source;
   std::string rig = "studio", difference, field, keep;
-  std::uint32_t size = 192, views = 2, reference = 256;
+  std::uint32_t size = 192, views = 2, reference = 256, seeds = 2;
   std::vector<double> spacings{1};
   std::vector<std::uint32_t> samples{LightOptions{}.samples};
   double step = RaycastOptions{}.step;
@@ -145,6 +149,9 @@ struct Arguments {
         ->capture_default_str();
     app.add_option("--node-spacing", spacings)->delimiter(',');
     app.add_option("--samples", samples)->delimiter(',');
+    app.add_option("--seeds", seeds, "Light volumes that noise is measured over")
+        ->check(CLI::Range(2, 1000))
+        ->capture_default_str();
     app.add_option("--step", step)->capture_default_str();
     app.add_option("--bounces", bounces)->capture_default_str();
     app.add_option("--difference", difference, "Picture of 8 times the error of the first view");
@@ -209,17 +216,22 @@ nlohmann::json measure_light(const Arguments& arguments, const Subject& subject,
   RaycastOptions options = subject.options;
   options.lighting.spacing = spacing;
   options.lighting.samples = samples;
-  std::vector<std::unique_ptr<Raycaster>> seeds;
-  double seconds = 0;
-  for (options.lighting.seed = 1; options.lighting.seed <= 2; ++options.lighting.seed)
-    seconds += seconds_of([&] {
-      seeds.push_back(expect(Raycaster::make(subject.volume, subject.transfer, options)));
-    });
+  std::vector<std::vector<Image>> views(subject.cameras.size());
+  double seconds = 0, rate = 0;
+  for (options.lighting.seed = 1; options.lighting.seed <= arguments.seeds;
+       ++options.lighting.seed) {
+    std::unique_ptr<Raycaster> caster;
+    seconds += seconds_of(
+        [&] { caster = expect(Raycaster::make(subject.volume, subject.transfer, options)); });
+    for (std::size_t v = 0; v < views.size(); ++v)
+      views[v].push_back(expect(trace_view(*caster, subject.sphere, subject.cameras[v])));
+    if (options.lighting.seed == 1) rate = slab_rate(*caster);
+  }
   Noise noise;
   double error = 0, ssim = 0;
-  for (std::size_t v = 0; v < subject.cameras.size(); ++v) {
-    const Image one = expect(trace_view(*seeds[0], subject.sphere, subject.cameras[v]));
-    noise.add(one, expect(trace_view(*seeds[1], subject.sphere, subject.cameras[v])));
+  for (std::size_t v = 0; v < views.size(); ++v) {
+    const Image& one = views[v].front();
+    noise.add(views[v]);
     if (arguments.reference == 0) continue;
     error += squared_error(one, reference.a[v], reference.b[v]) /
              static_cast<double>(subject.cameras.size());
@@ -230,9 +242,10 @@ nlohmann::json measure_light(const Arguments& arguments, const Subject& subject,
   }
   nlohmann::json row{{"spacing", spacing},
                      {"samples", samples},
-                     {"seconds", seconds / 2},
+                     {"seconds", seconds / arguments.seeds},
                      {"noise", noise.relative()},
-                     {"slabs_per_second", slab_rate(*seeds[0])},
+                     {"seeds", arguments.seeds},
+                     {"slabs_per_second", rate},
                      {"slabs_per_second_direct", slab_rate(direct)}};
   if (arguments.reference > 0) row["psnr"] = psnr(error), row["ssim"] = ssim;
   return row;
