@@ -84,7 +84,8 @@ Result<void> check_version(Reader& in, const std::string& file) {
         major > Manifest::kMajor ? "; update slf" : "; slf 0.2 or older wrote it: build it anew");
   const auto* required = in.find("/required");
   const auto known_feature = [](const nlohmann::json& feature) {
-    return feature == kPredictive || feature == kStates;
+    const auto* name = feature.get_ptr<const std::string*>();
+    return name && (*name == kPredictive || *name == kStates);
   };
   if (required && !required->is_array())
     in.problem("/required", "is not an array");

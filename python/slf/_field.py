@@ -291,7 +291,8 @@ class Field:
         looks = [(key, look if isinstance(look, Look) else Look(look))
                  for key, look in structures.items()]
         layers = [((key if isinstance(key, Field) else
-                    self.in_state(key) if key in self.states else Field(key))._field, *look)
+                    self.in_state(key) if isinstance(key, str) and key in self.states else
+                    Field(key))._field, *look)
                   for key, look in looks if look.opacity != 0]
         return self._variant(self._field.compose(layers), dict(structures))
 
