@@ -20,8 +20,8 @@ struct Module {
   std::string uses;  ///< what it imports, as declarations
 };
 
-/// Takes the imports and the comments out of a module, and adds the imported names to `used`, by
-/// module.
+/// Takes the imports, comments and most line breaks out of a module, and adds the imported names to
+/// `used`, by module.
 Module take_apart(const PageFile& file, std::map<std::string, std::set<std::string>>& used) {
   static const std::regex import(R"(import \{([^}]*)\} from '\./([\w.]+)';)");
   static const std::regex name(R"((\w+)(?: as \w+)?)"), renamed(" as "), declaration("^export ");
@@ -31,9 +31,11 @@ Module take_apart(const PageFile& file, std::map<std::string, std::set<std::stri
     std::smatch found;
     line.erase(0, line.find_first_not_of(' '));
     line.erase(std::min(line.find("  // "), line.size()));
+    line.erase(line.find_last_not_of(' ') + 1);
     if (line.empty() || line.starts_with("//")) continue;
     if (!std::regex_match(line, found, import)) {
-      result.text += std::regex_replace(line, declaration, "") + "\n";
+      result.text += std::regex_replace(line, declaration, "");
+      if (line.back() != ';' && line.back() != '{') result.text += '\n';
       continue;
     }
     const std::string names = found[1], from = found[2];

@@ -47,7 +47,7 @@ std::string_view expected(const json& value, Kind kind) {
       return value.is_string() ? "" : "a text";
     case Kind::orbit:
       if (three && std::abs(value[1].get<double>()) <= 90 && value[2].get<double>() > 1) return "";
-      return "[azimuth, elevation, distance], as slf render --orbit has them: degrees, elevations "
+      return "[azimuth, elevation, distance]: degrees, elevations "
              "from -90 to 90, and radii of the sphere, above 1";
     case Kind::point:
       return three ? "" : "three numbers [x, y, z] in world units";

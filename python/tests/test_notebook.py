@@ -53,11 +53,17 @@ def test_page_is_served_until_the_field_is_closed(balls):
         pytest.skip(str(error))
     assert view.url in view._repr_html_() and view.url.startswith("http://127.0.0.1:")
     with urllib.request.urlopen(view.url) as page:
-        assert b"<canvas" in page.read()
+        assert b"<slf-field" in page.read()
     request = urllib.request.Request(view.url + "field.slf", headers={"Range": "bytes=0-99"})
     with urllib.request.urlopen(request) as part:
         assert part.status == 206 and len(part.read()) == 100
     assert balls.show().url == view.url
+    views = {"views": [{"title": "Left", "orbit": [90, 0, 3]}]}
+    with urllib.request.urlopen(balls.show(views=views).url + "views.json") as file:
+        assert json.load(file) == views
+    with pytest.raises(slf.BadFileError, match=r"views: views\[0\]\.orbit: expected"):
+        balls.show(views={"views": [{"title": "Left"}]})
+    view = balls.show()
     balls.close()
     with pytest.raises(OSError):
         urllib.request.urlopen(view.url, timeout=2)

@@ -859,6 +859,7 @@ globalThis.right = document.getElementById('a') instanceof SlfField;""")
             html = file.read()
         self.assertIn('<meta property="og:image" content="poster.jpg">', html)
         self.assertNotIn("<title>Sphere light field", html)
+        self.assertLess(os.path.getsize(os.path.join(folder, "page.js")), 110000)
         for name in ["poster.jpg", "poster-light.jpg"]:
             self.assertLessEqual(os.path.getsize(os.path.join(folder, name)), 40 << 10)
         policy = ("default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; worker-src blob:; "

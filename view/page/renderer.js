@@ -51,28 +51,24 @@ export class Renderer {
     this.gl = gl;
     this.canvas = canvas;
     this.drawProgram = program(gl, kDraw);
-    this.feedbackProgram = program(gl, kFeedback);
     this.fadeProgram = program(gl, kFade);
+    this.feedbackProgram = program(gl, kFeedback);
     this.pass = 0;
     this.cost = 0;         // milliseconds a pixel, as the last picture took them; 0: not known
     this.kept = undefined; // of which view the final pixels are kept: its stamp
     this.mask = undefined; // the level that each cell shows
     this.makeTargets();
   }
-  // Draws a pixel with each program: some drivers finish their work on a program only then, for the
-  // textures that it has.
-  async warm() {
+  // Draws a pixel with a program: some drivers finish their work on it only then, for the textures
+  // that it has.
+  async warm(program_, bind) {
     const {gl} = this;
-    for (const [program_, bind] of [[this.drawProgram, () => this.bindPicture()],
-                                    [this.feedbackProgram, () => this.bindFeedback()]]) {
-      await compiled(gl, program_);
-      bind();
-      gl.viewport(0, 0, 1, 1);
-      gl.useProgram(program_.result);
-      this.setSamplers(program_);
-      gl.drawArrays(gl.TRIANGLES, 0, 3);
-    }
-    await compiled(gl, this.fadeProgram);
+    await compiled(gl, program_);
+    bind();
+    gl.viewport(0, 0, 1, 1);
+    gl.useProgram(program_.result);
+    this.setSamplers(program_);
+    gl.drawArrays(gl.TRIANGLES, 0, 3);
   }
   setSamplers({at}) {
     ['uTables', 'uPages', 'uColor', 'uDepth', 'uKept', 'uPicture', 'uMask'].forEach(
@@ -80,13 +76,15 @@ export class Renderer {
   }
   bindFeedback() { this.gl.bindFramebuffer(this.gl.FRAMEBUFFER, this.feedbackTarget); }
   // `shape`: of the field, as Field.shape; `budget`: bytes of textures for tiles. `ready` resolves
-  // when pictures can be drawn at once.
+  // when pictures can be drawn at once, `asks` when rays can ask for tiles.
   open(shape, budget) {
     this.shape = shape;
     this.makeTiles(budget);
     this.makeTables();
-    this.ready = this.warm();
-    this.ready.catch(() => {});
+    this.ready = this.warm(this.drawProgram, () => this.bindPicture())
+      .then(() => compiled(this.gl, this.fadeProgram));
+    this.asks = this.ready.then(() => this.warm(this.feedbackProgram, () => this.bindFeedback()));
+    this.asks.catch(() => {});
   }
 
   texture(unit, target, format, width, height, layers) {

@@ -314,10 +314,13 @@ export class Viewer {
   // still, a level is shown once it is complete: nobody sees a tile.
   async follow() {
     const {loader, field} = this;
-    let seen, needed = new Set(), thorough = false;
+    let needed = new Set(), thorough = false;
     while ((loader.busy || this.lost) && !this.failed) await sleep(5);
     await this.renderer.ready;
     this.begun = true;
+    let seen = this.view().stamp;
+    if (await this.showCoarse(this.view(), 0)) this.reached = 0;
+    await this.renderer.asks;
     while (!this.failed) {
       if (this.lost || !this.seen) {
         seen = undefined;

@@ -272,8 +272,9 @@ SLF_EXPORT(slf_exit_path_count) std::size_t slf_exit_path_count(unsigned level) 
 }
 
 /// Lists the tiles of level 0 that a view needs first, as slf_with_ancestors() does: those of
-/// `across` × `across` rays. The buffer holds four vectors of three f64, in radii from the sphere's centre: the eye, the direction of the picture's centre,
-/// and what leads from there to its right and to its lower edge.
+/// `across` × `across` rays. The buffer holds four vectors of three f64, in radii from the sphere's
+/// centre: the eye, the direction of the picture's centre, and what leads from there to its right
+/// and to its lower edge.
 SLF_EXPORT(slf_first_tiles) const std::uint32_t* slf_first_tiles(std::uint32_t across) {
   std::array<glm::dvec3, 4> view;
   std::memcpy(view.data(), module().buffer.data(), sizeof view);
