@@ -102,8 +102,10 @@ Result<void> run_export(const ExportArguments& a) {
   while (base.size() > 1 && base.back() == '/') base.pop_back();
   const auto field = SLF_TRY(Field::open(a.field));
   view::Views views;
-  if (!a.views.empty())
-    views = SLF_TRY(view::parse_views(SLF_TRY(view::read_views(a.views)), field.shape().sphere));
+  if (!a.views.empty()) {
+    const auto file = SLF_TRY(view::read_views(a.views));
+    views = SLF_TRY(view::parse_views(file, field.shape().sphere));
+  }
   const auto repacked = SLF_TRY(repack_if_requested(a, field, base + ".exporting"));
   const Field& exported = repacked ? *repacked : field;
   SLF_TRY(with_force(view::export_field(exported.path(), a.field, a.output, views, a.existing(),

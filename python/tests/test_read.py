@@ -149,7 +149,7 @@ def test_field_of_a_web_server(balls_path):
 
 def has_page():
     try:
-        slf._slf.Server([])
+        slf._slf.Server([], "", None)
     except slf.UnsupportedError:
         return False
     except slf.UsageError:
