@@ -850,7 +850,7 @@ class PageTest(unittest.TestCase):
 <div class="far"></div><slf-field id="c" src="field.slf"></slf-field>
 <script type="module" src="page.js"></script>""")
             with open(os.path.join(folder, "page.css"), "w") as file:
-                file.write("slf-field { width: 240px; height: 200px } .far { height: 3000px }")
+                file.write("slf-field { width: 240px; height: 80px } .far { height: 3000px }")
             with open(os.path.join(folder, "page.js"), "w") as file:
                 file.write("""globalThis.heard = [];
 for (const name of ['ready', 'camera', 'pick', 'error'])
@@ -871,7 +871,7 @@ globalThis.right = document.getElementById('a') instanceof SlfField;""")
                 self.assertEqual(page.run("document.getElementById('a').viewer.camera.toText()"),
                                  "60,10,3")
                 self.assertEqual(page.run("location.hash"), "")
-                page.call("Input.dispatchMouseEvent", type="mouseWheel", x=120, y=100, deltaX=0,
+                page.call("Input.dispatchMouseEvent", type="mouseWheel", x=120, y=40, deltaX=0,
                           deltaY=100)
                 page.wait("scrollY > 0")  # the page scrolls
                 self.assertEqual(page.run("document.getElementById('a').viewer.camera.distance"), 3)
@@ -879,7 +879,7 @@ globalThis.right = document.getElementById('a') instanceof SlfField;""")
                 self.assertIn("cameraa", page.run("heard"))
                 self.assertTrue(page.run("document.getElementById('a').picture().then("
                                          "(file) => file.type === 'image/png' && file.size > 500)"))
-                found = page.run("document.getElementById('a').pick(120, 100)")
+                found = page.run("document.getElementById('a').pick(120, 40)")
                 self.assertEqual(len(found["point"]), 3)
                 self.assertIsNone(page.run("document.getElementById('a').pick(1, 1)"))
                 self.assertNotIn("errora", page.run("heard"))

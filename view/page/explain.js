@@ -153,6 +153,7 @@ export class Explain {
     for (const note of notes) {
       const {x, y, far} = Object.assign(note, viewer.project(note.point));
       note.element.style.transform = `translate(${x.toFixed(1)}px, ${y.toFixed(1)}px)`;
+      note.element.classList.toggle('left', x > viewer.canvas.clientWidth * 0.6);
       if (far <= 0) this.hide(note, true);
     }
     this.byId('lines').replaceChildren(...this.ruler());

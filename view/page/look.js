@@ -168,6 +168,8 @@ button[aria-pressed="true"] { background: var(--accent); color: #06101f; }
   content: ''; position: absolute; left: -5px; top: -5px; width: 10px; height: 10px;
   border-radius: 50%; background: var(--accent); border: 1px solid #000;
 }
+.note.left { translate: -100% 0; }
+.note.left::before { left: auto; right: -5px; }
 .note.behind:not(:focus-within) { opacity: 0; pointer-events: none; }
 .note button { border: 0; border-radius: 22px; padding: 2px 14px; text-align: left; }
 .note p { margin: 0; padding: 0 14px 10px; }

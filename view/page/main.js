@@ -232,10 +232,14 @@ export class SlfField extends HTMLElement {
   // ---- the view ---------------------------------------------------------------------------------
 
   shown() {
-    this.byId('picture').classList.add('shown');
+    // A poster is finer than the first levels of its view.
+    const poster = this.byId('poster') || this.querySelector('[slot=poster]');
+    if (this.turned || this.viewer.complete || !poster)
+      this.byId('picture').classList.add('shown');
     this.explain.place();
   }
   moved() {
+    this.turned ||= this.viewer.begun;
     this.byId('spin').checked = this.viewer.camera.spins;
     this.drawMarks();
     this.explain.place();
@@ -256,7 +260,7 @@ export class SlfField extends HTMLElement {
     const given = new URLSearchParams(location.hash.slice(1)), {settings} = this;
     if (given.has('view')) {
       this.viewer.camera.fromText(given.get('view'));
-      this.shadowRoot.querySelector('slot').hidden = true;  // the poster shows another view
+      this.shadowRoot.querySelector('slot').hidden = this.turned = true;  // not of this view
     }
     if (given.has('state')) settings.state = given.get('state');
     if (given.has('saved')) this.explain.go(given.get('saved') - 1);

@@ -31,6 +31,7 @@ uniform bool uKeeps;       // whether uKept is a picture of this view
 uniform sampler2D uKept;   // alpha: 1 where a pixel is final
 
 int columns;  // of a tile
+bool lacks;   // whether a tile is not loaded that draw() has looked for
 
 uint table(int at) {
   return texelFetch(uTables, ivec2(at & ${(1 << kTableBits) - 1}, at >> ${kTableBits}), 0).r;
@@ -121,6 +122,7 @@ const int kDone = 0, kWaiting = 1, kUnavailable = 2;
 // last complete round. In the first round it then uses the tiles that are loaded.
 int draw(int level, vec3 P, vec3 Q, out vec4 pixel, out ivec3 first, out ivec3 last, out float t) {
   int entryN = uEntrySide << level, exitN = uExitSide << level;
+  lacks = false;
   pixel = vec4(0);
   first = last = ivec3(0);
   Cell cell = locate(P, entryN);
@@ -169,7 +171,7 @@ int draw(int level, vec3 P, vec3 Q, out vec4 pixel, out ivec3 first, out ivec3 l
       if (round_ == 0) first[e] = at + 1; else last[e] = at + 1;
       ivec2 place = ivec2(at & ${(1 << kTableBits) - 1}, at >> ${kTableBits});
       uint entry_ = texelFetch(uPages, place, 0).r;
-      if (entry_ == ${kNotLoaded}u) state = max(state, kWaiting);
+      if (entry_ == ${kNotLoaded}u) state = max(state, kWaiting), lacks = true;
       if (entry_ == ${kMissing}u) state = kUnavailable;
       if (entry_ <= ${kNotLoaded}u || (state != kDone && round_ > 0)) continue;
       int slot = int(entry_) - ${kFirstSlot};
@@ -334,8 +336,10 @@ void main() {
     float t;
     vec4 color;
     int state = draw(level, P, Q, color, first, last, t);
-    if (state == kWaiting && level <= uLevel) final_ = 0.0;
-    if (state == kWaiting && uShown >= 0.0) break;  // the pixel will be drawn again
+    // Level 0 is drawn even where some of its tiles are missing from the field.
+    bool waits = state == kWaiting || (level == 0 && lacks);
+    if (waits && level <= uLevel) final_ = 0.0;
+    if (waits && uShown >= 0.0) break;  // the pixel will be drawn again
     if (state != kDone && level > 0) continue;
     float weight = rest * min(1.0, shown - float(level) + 1.0);
     pixel += weight * color;
