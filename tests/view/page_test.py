@@ -13,6 +13,7 @@ import subprocess
 import sys
 import time
 import unittest
+from urllib.parse import quote
 
 sys.dont_write_bytecode = True
 
@@ -144,6 +145,37 @@ class PageTest(unittest.TestCase):
                                   ("--tonemap", curve, "--exposure", exposure))
                 with self.subTest(curve=curve, exposure=exposure):
                     self.assertGreaterEqual(found, MIN_PSNR["depth"])
+            page.close()
+
+    def test_states(self):
+        """The states of a field, by link, by keys and as a film. What they share comes once."""
+        cuts = [("top off", (0, 0, 1)), ("half", (1, 0, 0))]
+        with open(path("states.json"), "w") as file:
+            json.dump({"states": [{"name": "whole"}] + [
+                {"name": name, "clip": [[12, 12, 12, *normal]]} for name, normal in cuts]}, file)
+        field = path("states.slf")
+        slf("build", path("cube.raw"), "--dims", "24x24x24", "--lighting", "direct", "--levels", 1,
+            "--entry", 4, "--exit", 16, "--states", path("states.json"), "-o", field, "-f")
+        with Server(field) as server:
+            page = self.browser.open(server.url, SIZE, SIZE)
+            page.settle()
+            for state in ["top off", "half", "whole"]:
+                found = self.psnr(page, field, VIEWS[0], "depth", 1, f"&state={quote(state)}",
+                                  ("--state", state))
+                with self.subTest(state=state):
+                    self.assertGreaterEqual(found, MIN_PSNR["depth"])
+            self.assertEqual(page.run("slf.statistics().damaged"), 0)
+            loaded = page.run("slf.statistics().bytes")
+            for key, state in [(".", 1), (".", 2), (",", 1)]:
+                self.press(page, key)
+                page.settle()
+                self.assertEqual(page.run("slf.field.state"), state)
+            self.assertIn("state=top%20off", page.run("location.hash"))
+            self.assertEqual(page.run("slf.statistics().bytes"), loaded)
+            self.press(page, "p")
+            for state in [2, 0, 1]:
+                page.wait(f"slf.field.state === {state}", 20)
+            self.press(page, "p")
             page.close()
 
     def test_decodes_the_same_samples(self):

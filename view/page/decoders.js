@@ -72,14 +72,14 @@ export class Decoders {
     }
   }
   // What a worker needs to predict from a tile: not the samples, if it has a copy.
-  copied(worker, {page, entry, exit, samples}) {
+  copied(worker, {page, level, entry, exit, samples}) {
     const copy = `${page} in ${worker.number}`, has = this.cache.get(copy);
     if (!has) {
       worker.dropped.delete(page);  // another tile of this message may have displaced it
       this.cache.set(copy, true, samples.byteLength, () => worker.dropped.add(page));
     }
     this.cache.get(page);  // last, so that copies are dropped first
-    return {page, entry, exit, samples: has ? undefined : samples};
+    return {page, level, entry, exit, samples: has ? undefined : samples};
   }
 
   // Resolves to the samples of a tile, whose payload Field.references() has verified. `references`:

@@ -1,7 +1,8 @@
 // Field: reads a field's manifest, describes its shape in numbers for the GPU, and finds its tiles.
 //
-// A tile's number in the GPU's page table is called its page. A `tile` is {page, level, entry,
-// exit} with the indices of its sections.
+// A tile's number in the GPU's page table is called its page; `level` to `exit` of a `tile` are what
+// the module knows it by: its level, with its state from bit 8 on, and the indices of its sections.
+// The GPU's table is that of one state. In the file, pages of state s begin at s × shape.pages.
 
 import {kDone, kNeedsBytes, Native} from './module.js';
 
@@ -21,6 +22,7 @@ export class Field {
     this.module = module;
     this.fetching = new Map();  // ranges that are being fetched → promises
     this.prepared = [];       // promises of prepare(), by level
+    this.state = 0;           // that is shown
   }
 
   add(offset, bytes) {
@@ -59,6 +61,7 @@ export class Field {
     this.manifestBytes = this.native.textBytes();
     this.manifest = JSON.parse(new TextDecoder().decode(this.manifestBytes));
     this.predicts = this.manifest.codec.startsWith('predictive');
+    this.states = this.manifest.states?.map(({name}) => name) ?? [];
     // Whether colours are linear radiance, so that pictures need tone mapping.
     const light = this.manifest.provenance?.lighting;
     this.radiance = light?.linear === true && light.mode !== 'direct';
@@ -108,19 +111,28 @@ export class Field {
   }
 
   page(level, entry, exit) {
-    return this.shape.pageBase[level] + entry * (8 << (2 * level)) + exit;
+    const {pages, pageBase} = this.shape, plain = level & 255;
+    return (level >> 8) * pages + pageBase[plain] + entry * (8 << (2 * plain)) + exit;
   }
   tile(page) {
-    const {pageBase, levels} = this.shape;
+    const {pages, pageBase, levels} = this.shape, state = Math.floor(page / pages);
+    const inState = page % pages;
     let level = levels;
-    while (pageBase[level] > page) --level;
-    const exits = 8 << (2 * level), at = page - pageBase[level];
-    return {page, level, entry: Math.floor(at / exits), exit: at % exits};
+    while (pageBase[level] > inState) --level;
+    const exits = 8 << (2 * level), at = inState - pageBase[level];
+    return {page, level: level | state << 8, entry: Math.floor(at / exits), exit: at % exits};
   }
+  // The number of a state, of which `text` is the name or the number; of the first without such.
+  stateNumber(text) {
+    const named = this.states.indexOf(text), number = Number(text ?? 0);
+    return named >= 0 ? named : this.states[number] === undefined ? 0 : number;
+  }
+  // A page of the state that is shown, in the file.
+  inFile(page) { return this.state * this.shape.pages + page; }
 
   // Resolves to the total size of the pages' payloads.
   async payloadBytes(pages) {
-    const found = await this.find(pages.map((page) => this.tile(page)));
+    const found = await this.find(pages.map((page) => this.tile(this.inFile(page))));
     return found.reduce((sum, {begin, end}) => sum + end - begin, 0);
   }
 
@@ -162,7 +174,8 @@ export class Field {
     return Array.from({length: count}, (_, i) => this.page(...found.subarray(3 * i, 3 * i + 3)));
   }
 
-  // Finds tiles. Resolves to {state, begin, end, checksum} for each.
+  // Finds tiles. Resolves to {state, begin, end, checksum, source} for each; `source` is the page
+  // of the tile that has the payload.
   async find(tiles) {
     const keys = keysOf(tiles);
     for (let round = 0; round < 64; ++round) {
@@ -172,11 +185,12 @@ export class Field {
         await this.fetchAll(needed);
         continue;
       }
-      const view = new DataView(this.native.calls.memory.buffer, at, 32 * tiles.length);
-      return tiles.map((_, i) => {
-        const number = (k) => view.getFloat64(32 * i + 8 * k, true);
-        return {state: number(0), begin: number(1), end: number(2),
-                checksum: [view.getUint32(32 * i + 24, true), view.getUint32(32 * i + 28, true)]};
+      const view = new DataView(this.native.calls.memory.buffer, at, 48 * tiles.length);
+      return tiles.map(({page}, i) => {
+        const number = (k) => view.getFloat64(48 * i + 8 * k, true);
+        const word = (k) => view.getUint32(48 * i + 4 * k, true), state = number(0);
+        return {state, begin: number(1), end: number(2), checksum: [word(6), word(7)],
+                source: state === kStored ? this.page(word(8), word(9), word(10)) : page};
       });
     }
     throw new Error('The field is damaged: its trees have no end.');

@@ -39,6 +39,14 @@ export class Loader {
     this.free = Array.from({length: renderer.slots}, (_, i) => renderer.slots - 1 - i);
   }
 
+  // Shows another state: all pages are to be loaded anew, mostly from what the reader keeps.
+  show(state) {
+    this.field.state = state;
+    this.pages.forEach((value, page) => value !== kNotLoaded &&
+                                        this.renderer.setPage(page, kNotLoaded));
+    this.restart(this.renderer);
+  }
+
   // Replaces the plan. `whole`: the pages are all that a view needs, so they are loaded as one
   // batch. Returns how many of the pages are not loaded yet.
   want(pages, whole = false) {
@@ -66,7 +74,7 @@ export class Loader {
         const pages = this.plan.splice(0, batch);
         for (const page of pages) this.loading.add(page);
         await Promise.all(
-          this.reader.read(pages).map(async (ready) => {
+          this.reader.read(pages.map((page) => this.field.inFile(page))).map(async (ready) => {
             const tile = await ready;
             await this.opened;
             this.place(tile);
@@ -82,7 +90,8 @@ export class Loader {
 
   // Puts a tile into a slot. `needed`: the view needs it, not only tiles that are predicted from
   // it.
-  place({page, state, color, depth}, needed = true) {
+  place({page: inFile, state, color, depth}, needed = true) {
+    const page = inFile - this.field.inFile(0);  // of another state, it is not on the GPU
     if (this.pages[page] !== kNotLoaded) return;
     this.damaged += state === kDamaged;
     let value = state === kEmptyTile ? kEmpty : kMissing;

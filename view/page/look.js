@@ -11,7 +11,8 @@ export const kMarkup = `
 <div id="scale" role="img" hidden></div>
 <p id="keys" class="unseen">Arrow keys turn the view, plus and minus zoom, Shift with arrow keys
 moves it, R resets it, Space turns it by itself, F fills the screen, H hides the panel, Page Up and Page
-Down show the saved views, M measures.</p>
+Down show the saved views, M measures, P steps through the states of the object, comma and period show the one
+before and after.</p>
 <aside id="panel" aria-label="Settings">
   <header>
     <h2 id="name">Loading…</h2>
@@ -24,6 +25,11 @@ Down show the saved views, M measures.</p>
       <dt>Tiles</dt><dd id="tiles">–</dd>
       <dt>Frames a second</dt><dd id="rate">–</dd>
     </dl>
+    <div id="states" hidden>
+      <label>State <select id="state"></select></label>
+      <input id="step" type="range" min="0" step="1" value="0" aria-label="State">
+      <button id="play" type="button" aria-pressed="false" title="P">Play</button>
+    </div>
     <label>Mode <select id="mode">
       <option value="depth">depth</option>
       <option value="bitri">bitri</option>
@@ -115,7 +121,7 @@ export const kStyle = `
 dl { display: grid; grid-template-columns: auto 1fr; gap: 2px 12px; margin: 0; }
 dt { color: var(--dim); }
 dd { margin: 0; text-align: right; font-variant-numeric: tabular-nums; overflow-wrap: anywhere; }
-#tones { display: grid; gap: 6px; }
+#tones, #states { display: grid; gap: 6px; }
 label {
   display: flex; justify-content: space-between; align-items: center; gap: 8px; min-height: 44px;
 }

@@ -8,9 +8,10 @@ import {Decoders} from './decoders.js';
 import {Explain} from './explain.js';
 import {kMarkup, kStyle} from './look.js';
 import {embeddedSource, fileSource, HttpSource} from './source.js';
-import {Viewer} from './viewer.js';
+import {sleep, Viewer} from './viewer.js';
 
 const kCounts = 200;     // milliseconds between updates of the panel
+const kStep = 100;       // milliseconds that each state is shown at least while states play
 const kMaxPanel = 0.1;   // of the element that the panel covers; a larger one starts folded
 
 // What exports have (view/bundle.h): `worker`, the script of the workers as a function, and in one
@@ -249,7 +250,9 @@ export class SlfField extends HTMLElement {
   }
   fragment() {
     const {settings} = this;
+    const {states, state} = this.viewer.field;
     return `#view=${this.viewer.camera.toText()}&mode=${settings.mode}&level=${settings.level}` +
+           (states.length > 1 ? `&state=${encodeURIComponent(states[state])}` : '') +
            `&background=${settings.background.slice(1)}` + (this.viewer.field.radiance
              ? `&curve=${settings.curve}&exposure=${settings.exposure}` : '');
   }
@@ -259,6 +262,7 @@ export class SlfField extends HTMLElement {
       this.viewer.camera.fromText(given.get('view'));
       this.shadowRoot.querySelector('slot').hidden = this.turned = true;  // not of this view
     }
+    if (given.has('state')) settings.state = given.get('state');
     if (given.has('saved')) this.explain.go(given.get('saved') - 1);
     if (['depth', 'bitri'].includes(given.get('mode'))) settings.mode = given.get('mode');
     if (/^(auto|\d{1,2})$/.test(given.get('level') ?? '')) settings.level = given.get('level');
@@ -304,6 +308,7 @@ export class SlfField extends HTMLElement {
     const fine = m.levels, name = (path) => String(path).split('/').pop();
     const facts = {
       Source: p.source ? name(p.source) : p.name,
+      State: this.settings.state,
       Kind: p.kind,
       Voxels: p.dims?.join(' × '),
       Colours: p.transfer?.[0]?.Name,
@@ -349,6 +354,9 @@ export class SlfField extends HTMLElement {
         this.settings[name] = target.value;
         viewer.changed();
       });
+    for (const name of ['state', 'step'])
+      byId(name).addEventListener('input', ({target}) => this.showState(Number(target.value)));
+    byId('play').onclick = () => this.play();
     byId('spin').onchange = spin;
     byId('marks').onchange = () => this.drawMarks();
     byId('reset').onclick = reset;
@@ -381,6 +389,8 @@ export class SlfField extends HTMLElement {
       hears: this.whole ? globalThis : this,
       wheels: () => this.whole || this.shadowRoot.activeElement,
       keys: {r: reset, f: fill, h: () => this.fold(), ' ': toggleSpin, m: () => explain.use('ruler'),
+             p: () => this.play(), ',': () => this.showState(viewer.field.state - 1),
+             '.': () => this.showState(viewer.field.state + 1),
              pageup: () => explain.go(explain.at - 1), pagedown: () => explain.go(explain.at + 1),
              enter: () => explain.tool && tap(canvas.clientWidth / 2, canvas.clientHeight / 2)},
     });
@@ -394,6 +404,27 @@ export class SlfField extends HTMLElement {
 
   showChoices() {
     for (const name of kChoices) this.byId(name).value = this.settings[name];
+    this.showState(this.viewer.field.stateNumber(this.settings.state));
+  }
+  // Shows a state of the field, by its number; from the last one, the next is the first.
+  showState(number) {
+    const {field} = this.viewer, count = Math.max(1, field.states.length);
+    const state = (number + count) % count;
+    this.settings.state = field.states[state];
+    for (const name of ['state', 'step']) this.byId(name).value = state;
+    this.byId('step').ariaValueText = this.settings.state;
+    this.viewer.showState(state);
+  }
+  // Shows the states one after another, or stops that.
+  async play() {
+    const button = this.byId('play'), {viewer} = this;
+    this.plays = !this.plays && viewer.field.states.length > 1;
+    button.setAttribute('aria-pressed', String(this.plays));
+    while (this.plays && !viewer.failed) {
+      this.showState(viewer.field.state + 1);
+      const begin = performance.now();
+      while (this.plays && (performance.now() - begin < kStep || viewer.stuck)) await sleep(5);
+    }
   }
   fillPanel() {
     const {byId, settings, viewer} = this, {manifest: m, shape} = viewer.field;
@@ -410,6 +441,9 @@ export class SlfField extends HTMLElement {
       byId('ruler').hidden = byId('mark').hidden = true;
     }
     if (Number(settings.level) > shape.levels) settings.level = 'auto';
+    viewer.field.states.forEach((state, number) => byId('state').append(new Option(state, number)));
+    byId('states').hidden = viewer.field.states.length < 2;
+    byId('step').max = viewer.field.states.length - 1;
     this.showChoices();
     byId('tones').hidden = !viewer.field.radiance;
     byId('marks').checked = p.kind === 'volume';

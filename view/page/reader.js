@@ -48,17 +48,23 @@ export class Reader {
   }
 
   async load(tiles, held) {
-    const found = await this.field.find(tiles);
+    const found = await this.field.find(tiles), isOwn = (tile, i) => found[i].source === tile.page;
+    const same = tiles.filter((tile, i) => !isOwn(tile, i));
+    const sources = this.read(found.filter((f, i) => !isOwn(tiles[i], i)).map((f) => f.source));
     tiles.forEach((tile, i) => { tile.state = found[i].state; });
-    const stored = found.filter(({state}) => state === kStored);
+    const stored = found.filter((f, i) => f.state === kStored && isOwn(tiles[i], i));
     const payloads = this.field.source.readAll(stored.map(({begin, end}) => [begin, end]));
     const allCame = Promise.all(payloads);
     allCame.catch(() => {});  // decode() reports it
     await Promise.all(tiles.map(async (tile, i) => {
-      if (tile.state === kStored)
+      if (!isOwn(tile, i)) {  // the same as a tile of an earlier state
+        const {state, samples, color, depth} = await sources[same.indexOf(tile)];
+        Object.assign(tile, {state, samples, color, depth});
+      } else if (tile.state === kStored) {
         await this.decode(tile, found[i].checksum, payloads[stored.indexOf(found[i])], held,
                           allCame);
-      this.finish(tile);
+      }
+      this.finish(tile, isOwn(tile, i));
     }));
   }
 
@@ -94,9 +100,10 @@ export class Reader {
     if (hasDepth) tile.depth = samples.subarray(colors);
   }
 
-  // Keeps a tile that others may be predicted from.
-  finish(tile) {
-    if (this.field.predicts && tile.level < this.field.shape.levels)
+  // Keeps a tile that others may be predicted from, or may be the same as.
+  finish(tile, isOwn) {
+    const {predicts, shape, states} = this.field;
+    if (isOwn && (states.length > 1 || (predicts && tile.level < shape.levels)))
       this.cache.set(tile.page, tile, tile.samples.byteLength);
     else
       this.cache.remove(tile.page);

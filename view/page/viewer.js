@@ -73,6 +73,7 @@ export class Viewer {
     this.renderer = new Renderer(canvas);
     const field = this.field = new Field(source, await module);
     await field.open();
+    field.state = field.stateNumber(this.settings.state);
     decoders.open(field);
     this.loader = new Loader(field, decoders, fail);
     // The tiles that matter most come while the graphics card makes room.
@@ -139,6 +140,15 @@ export class Viewer {
     this.on.moved();
   }
   moves(now) { return now - this.movedAt < 200; }
+
+  // Shows another state of the field. Until its level 0 is there, the canvas keeps the picture.
+  showState(state) {
+    if (state === this.field.state) return;
+    this.loader.show(state);
+    this.stuck = undefined;
+    this.reached = -1;
+    this.moved();
+  }
 
   // Turns the camera to another place, given as Camera.toText() says, in an eased flight.
   flyTo(text) {

@@ -17,7 +17,8 @@ function decode({level, entry, exit, payload, references, forget}) {
   for (const {page, samples} of references) if (samples) copies.set(page, samples);
   for (const reference of references) {
     native.fill(copies.get(reference.page));
-    native.check(native.calls.slf_add_reference(level - 1, reference.entry, reference.exit));
+    native.check(
+      native.calls.slf_add_reference(reference.level, reference.entry, reference.exit));
   }
   native.fill(payload);
   native.check(native.calls.slf_decode(level, entry, exit));

@@ -4,7 +4,8 @@
 //
 // Numbers that need more than 32 bits are doubles. A call that fails stores a message, for
 // slf_text(). A call that needs more bytes stores their ranges, for slf_ranges(). JavaScript writes
-// bytes for the module to the memory that slf_buffer() returns.
+// bytes for the module to the memory that slf_buffer() returns. In tiles that go in and out, the
+// bits of a level from 8 on are the state of the object that the tile shows.
 
 #include <algorithm>
 #include <array>
@@ -38,6 +39,9 @@ struct FoundTile {
   double state;  ///< 0 missing, 1 empty, 2 stored, 3 needs more bytes, 4 damaged
   double begin, end;
   std::uint64_t checksum;
+  /// The tile that has the payload, of an earlier state if this one is the same as that: level,
+  /// entry section, exit section; and 0.
+  std::array<std::uint32_t, 4> source;
 };
 
 struct Module {
@@ -48,7 +52,7 @@ struct Module {
   std::vector<double> ranges;  // begin, end, begin, end, …
   std::vector<FoundTile> found;
   std::vector<ReferenceIndex> reference_indexes;  // [level - 1], of the levels that have one
-  std::vector<std::uint32_t> tiles;               // (level, entry section, exit section) of each
+  std::vector<std::uint32_t> tiles;               // as triple_of() has them
   std::optional<Manifest> manifest;
   std::vector<std::unique_ptr<LevelGeometry>> geometry;  // by level, made when needed
   std::unique_ptr<codec::Codec> codec;
@@ -84,6 +88,7 @@ std::string_view text_of(ByteSpan bytes) {
 
 const LevelGeometry& geometry(unsigned level) {
   Module& m = module();
+  level &= 255;
   if (m.geometry.size() <= level) m.geometry.resize(level + 1);
   if (!m.geometry[level])
     m.geometry[level] = std::make_unique<LevelGeometry>(m.manifest->shape, level);
@@ -91,9 +96,18 @@ const LevelGeometry& geometry(unsigned level) {
 }
 
 TileKey key_of(unsigned level, std::uint32_t entry, std::uint32_t exit) {
-  const unsigned deeper = level + module().manifest->shape.entry_extra_levels;
-  return tile_key(
-      {{static_cast<std::uint8_t>(deeper), entry}, {static_cast<std::uint8_t>(level), exit}});
+  const auto plain = static_cast<std::uint8_t>(level);
+  const auto deeper =
+      static_cast<std::uint8_t>(plain + module().manifest->shape.entry_extra_levels);
+  return in_state(tile_key({{deeper, entry}, {plain, exit}}), level >> 8);
+}
+
+/// A tile as JavaScript has it: its level with its state, and its entry and exit sections.
+std::array<std::uint32_t, 3> triple_of(TileKey key) {
+  const TileSections of =
+      sections_of(in_state(key, 0), module().manifest->shape.entry_extra_levels);
+  return {key.level | static_cast<std::uint32_t>(state_of(key)) << 8, of.entry.index,
+          of.exit.index};
 }
 
 /// The tiles that the buffer holds: (level, entry section, exit section), u32 each.
@@ -116,8 +130,8 @@ const std::uint32_t* list(std::span<const TileKey> keys) {
   m.tiles.clear();
   for (const TileKey key : keys) {
     if (!m.manifest->shape.has(key)) continue;
-    const TileSections of = sections_of(key, m.manifest->shape.entry_extra_levels);
-    m.tiles.insert(m.tiles.end(), {key.level, of.entry.index, of.exit.index});
+    const auto triple = triple_of(key);
+    m.tiles.insert(m.tiles.end(), triple.begin(), triple.end());
   }
   return m.tiles.data();
 }
@@ -213,12 +227,14 @@ SLF_EXPORT(slf_find) const FoundTile* slf_find() {
   for (const TileKey key : keys_in_buffer()) {
     const auto tile = m.store->find(key);
     if (!tile) {
-      m.found.push_back({tile.error().code == ErrorCode::io ? 3.0 : 4.0, 0, 0, 0});
+      m.found.push_back({tile.error().code == ErrorCode::io ? 3.0 : 4.0, 0, 0, 0, {}});
       if (tile.error().code != ErrorCode::io) damage = tile.error().message;
       continue;
     }
+    const auto [level, entry, exit] = triple_of(tile->source);
     m.found.push_back({static_cast<double>(tile->state), static_cast<double>(tile->payload.begin),
-                       static_cast<double>(tile->payload.end), tile->checksum});
+                       static_cast<double>(tile->payload.end), tile->checksum,
+                       {level, entry, exit, 0}});
   }
   (void)needs_bytes_or_failed({ErrorCode::bad_file, damage});
   return m.found.data();
