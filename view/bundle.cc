@@ -35,7 +35,8 @@ Module take_apart(const PageFile& file, std::map<std::string, std::set<std::stri
     if (line.empty() || line.starts_with("//")) continue;
     if (!std::regex_match(line, found, import)) {
       result.text += std::regex_replace(line, declaration, "");
-      if (line.back() != ';' && line.back() != '{') result.text += '\n';
+      if (std::string_view(";{,([").find(line.back()) == std::string_view::npos)
+        result.text += '\n';
       continue;
     }
     const std::string names = found[1], from = found[2];
@@ -54,16 +55,23 @@ std::string page_script(const std::string& members) {
   std::map<std::string_view, Module> modules;
   for (const PageFile& file : page_files())
     if (file.name.ends_with(".js")) modules[file.name] = take_apart(file, used);
-  std::string script = "globalThis.slfInside = {worker: function (self) {\n'use strict';\n" +
-                       modules[kWorkerImports].text + modules[kWorker].text + "},\n" + members +
-                       "};\n(() => {\n'use strict';\nconst modules = {};\n";
-  for (const PageFile& file : page_files()) {  // each after those that it imports
-    if (!file.name.ends_with(".js") || file.name == kWorker) continue;
-    const Module& module = modules[file.name];
+  const auto exports = [&](std::string_view name) {
     std::string exported;
-    for (const std::string& name : used[std::string(file.name)]) exported += name + ", ";
+    for (const std::string& one : used[std::string(name)]) exported += one + ", ";
+    return "return {" + exported + "};\n}";
+  };
+  // What the worker imports, the page takes from the worker's script.
+  std::string script = "globalThis.slfInside = {worker: function (self) {\n'use strict';\n" +
+                       modules[kWorkerImports].text + modules[kWorker].text +
+                       exports(kWorkerImports) + ",\n" + members +
+                       "};\n(() => {\n'use strict';\nconst modules = {'" +
+                       std::string(kWorkerImports) + "': slfInside.worker({})};\n";
+  for (const PageFile& file : page_files()) {  // each after those that it imports
+    if (!file.name.ends_with(".js") || file.name == kWorker || file.name == kWorkerImports)
+      continue;
+    const Module& module = modules[file.name];
     script += "modules['" + std::string(file.name) + "'] = (() => {\n" + module.uses + module.text +
-              "return {" + exported + "};\n})();\n";
+              exports(file.name) + ")();\n";
   }
   return script + "})();\n";
 }

@@ -10,9 +10,9 @@ export const kMarkup = `
 <div id="compass" aria-hidden="true" hidden></div>
 <div id="scale" role="img" hidden></div>
 <p id="keys" class="unseen">Arrow keys turn the view, plus and minus zoom, Shift with arrow keys
-moves it, R resets it, Space turns it by itself, F fills the screen, H hides the panel, Page Up and Page
-Down show the saved views, M measures, P steps through the states of the object, comma and period show the one
-before and after.</p>
+moves it, R resets it, Space turns it by itself, F fills the screen, H hides the panel, Page Up and
+Page Down show the saved views, M measures, P plays the states of the object, comma and period step
+through them.</p>
 <aside id="panel" aria-label="Settings">
   <header>
     <h2 id="name">Loading…</h2>
