@@ -14,6 +14,9 @@ namespace {
 
 constexpr std::string_view kWorker = "worker.js", kWorkerImports = "module.js";
 
+/// The name of a module, without ".js".
+std::string stem(std::string_view file) { return std::string(file.substr(0, file.find('.'))); }
+
 /// A module as a part of a classic script.
 struct Module {
   std::string text;  ///< without imports and exports
@@ -43,7 +46,7 @@ Module take_apart(const PageFile& file, std::map<std::string, std::set<std::stri
     for (std::sregex_iterator at(names.begin(), names.end(), name), end; at != end; ++at)
       used[from].insert((*at)[1]);
     result.uses +=
-        "const {" + std::regex_replace(names, renamed, ": ") + "} = modules['" + from + "'];\n";
+        "const {" + std::regex_replace(names, renamed, ": ") + "} = modules." + stem(from) + ";\n";
   }
   return result;
 }
@@ -64,13 +67,13 @@ std::string page_script(const std::string& members) {
   std::string script = "globalThis.slfInside = {worker: function (self) {\n'use strict';\n" +
                        modules[kWorkerImports].text + modules[kWorker].text +
                        exports(kWorkerImports) + ",\n" + members +
-                       "};\n(() => {\n'use strict';\nconst modules = {'" +
-                       std::string(kWorkerImports) + "': slfInside.worker({})};\n";
+                       "};\n(() => {\n'use strict';\nconst modules = {" + stem(kWorkerImports) +
+                       ": slfInside.worker({})};\n";
   for (const PageFile& file : page_files()) {  // each after those that it imports
     if (!file.name.ends_with(".js") || file.name == kWorker || file.name == kWorkerImports)
       continue;
     const Module& module = modules[file.name];
-    script += "modules['" + std::string(file.name) + "'] = (() => {\n" + module.uses + module.text +
+    script += "modules." + stem(file.name) + " = (() => {\n" + module.uses + module.text +
               exports(file.name) + ")();\n";
   }
   return script + "})();\n";

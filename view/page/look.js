@@ -27,7 +27,6 @@ through them.</p>
     </dl>
     <div id="states" hidden>
       <label>State <select id="state"></select></label>
-      <input id="step" type="range" min="0" step="1" value="0" aria-label="State">
       <button id="play" type="button" aria-pressed="false" title="P">Play</button>
     </div>
     <label>Mode <select id="mode">

@@ -354,8 +354,7 @@ export class SlfField extends HTMLElement {
         this.settings[name] = target.value;
         viewer.changed();
       });
-    for (const name of ['state', 'step'])
-      byId(name).addEventListener('input', ({target}) => this.showState(Number(target.value)));
+    byId('state').onchange = ({target}) => this.showState(Number(target.value));
     byId('play').onclick = () => this.play();
     byId('spin').onchange = spin;
     byId('marks').onchange = () => this.drawMarks();
@@ -411,8 +410,7 @@ export class SlfField extends HTMLElement {
     const {field} = this.viewer, count = Math.max(1, field.states.length);
     const state = (number + count) % count;
     this.settings.state = field.states[state];
-    for (const name of ['state', 'step']) this.byId(name).value = state;
-    this.byId('step').ariaValueText = this.settings.state;
+    this.byId('state').value = state;
     this.viewer.showState(state);
   }
   // Shows the states one after another, or stops that.
@@ -443,7 +441,6 @@ export class SlfField extends HTMLElement {
     if (Number(settings.level) > shape.levels) settings.level = 'auto';
     viewer.field.states.forEach((state, number) => byId('state').append(new Option(state, number)));
     byId('states').hidden = viewer.field.states.length < 2;
-    byId('step').max = viewer.field.states.length - 1;
     this.showChoices();
     byId('tones').hidden = !viewer.field.radiance;
     byId('marks').checked = p.kind === 'volume';
