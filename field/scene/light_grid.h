@@ -153,8 +153,8 @@ template <class T>
 
 /// The bytes of a node: three of `mean` and three of `change`, which share an exponent; three of
 /// `arrives`; red and blue of `tint` at a luminance of 1; and the exponent. All are 0 if the node
-/// is dark. pack_light() and decode_light() make the exponent 0 to kExponents; it is kMissingNode until
-/// the node is computed.
+/// is dark. pack_light() and decode_light() make the exponent 0 to kExponents; it is kMissingNode
+/// until the node is computed.
 inline constexpr int kExponents = 32;  // byte 11 is 1 to 32: a unit of mean is 2^(byte - 24)
 inline constexpr int kMissingNode = kExponents + 1;
 inline constexpr int kChannels = 11;

@@ -97,8 +97,9 @@ struct EvaluateOptions {
 
 /// Compares views of the field with ray-cast views of its scene: RGB over black, 8 bits, with the
 /// default tone mapping if the field is linear. Prepares the scene, with the light that
-/// the field keeps. Progress counts rows of ray-cast pictures. usage: no cameras. cancelled: stopped by `progress`. Else
-/// errors as Renderer::render() and trace_view(). REQUIRES: supersample is at least 1.
+/// the field keeps. Progress counts rows of ray-cast pictures. usage: no cameras. cancelled:
+/// stopped by `progress`. Else errors as Renderer::render() and trace_view(). REQUIRES: supersample
+/// is at least 1.
 [[nodiscard]] Result<Evaluation> evaluate_views(const Field& field, const Scene& scene,
                                                 const EvaluateOptions& options,
                                                 const ProgressCallback& progress = {});

@@ -302,8 +302,9 @@ TEST_F(PreciousFiles, NoNameThatSlfUsesIsTakenFromAnother) {
       ".unfinished.new", ".repacking",     ".repacking-lock",     ".repacking.new",
       ".exporting",      ".exporting.new", ".4194304-0.tmp",      ".part",
       ".light",          ".part.slf",      ".exporting.repacking"};
-  const std::set<std::string> page{"n/index.html", "n/style.css", "n/page.js", "n/module.bin",
-                                   "n/module.bin.js", "n/poster.jpg", "n/poster-light.jpg"};
+  const std::set<std::string> page{"n/index.html",      "n/style.css",     "n/page.js",
+                                   "n/module.bin",      "n/module.bin.js", "n/poster.jpg",
+                                   "n/poster-light.jpg"};
   int cases = 0, refused = 0;
   for (const Obstacle& obstacle : obstacles)
     for (const Writer& writer : writers) {

@@ -77,9 +77,8 @@ TEST(VolumeCli, TransferFunctionsByNameFileAndRange) {
   EXPECT_THAT(unknown.err, HasSubstr("no built-in transfer function"));
   const auto far = raycast(volume, {"--transfer", "ct-bone"});  // all values are below bone
   EXPECT_EQ(far.exit_code, 4);
-  EXPECT_THAT(far.err,
-              HasSubstr("it runs from 150 to 3000: choose another, or stretch it to a "
-                        "range; see --transfer and --range"));
+  EXPECT_THAT(far.err, HasSubstr("it runs from 150 to 3000: choose another, or stretch it to a "
+                                 "range; see --transfer and --range"));
   for (const auto* range : {"5,5", "9,1", "0,inf"}) {
     const auto wrong = raycast(volume, {"--range", range});
     EXPECT_EQ(wrong.exit_code, 1) << range;

@@ -232,8 +232,10 @@ SLF_EXPORT(slf_find) const FoundTile* slf_find() {
       continue;
     }
     const auto [level, entry, exit] = triple_of(tile->source);
-    m.found.push_back({static_cast<double>(tile->state), static_cast<double>(tile->payload.begin),
-                       static_cast<double>(tile->payload.end), tile->checksum,
+    m.found.push_back({static_cast<double>(tile->state),
+                       static_cast<double>(tile->payload.begin),
+                       static_cast<double>(tile->payload.end),
+                       tile->checksum,
                        {level, entry, exit, 0}});
   }
   (void)needs_bytes_or_failed({ErrorCode::bad_file, damage});

@@ -13,12 +13,13 @@ namespace slf::testing {
 inline std::map<TileKey, Bytes> all_samples(const Field& field) {
   TileCache cache(field.file(), 16 << 20);
   std::map<TileKey, Bytes> tiles;
-  const auto ok = field.file().store().visit(
-      {0, 0}, {255, 0}, [&](const storage::TileRef& tile) -> Result<void> {
-        Bytes& samples = tiles[tile.key];
-        if (tile.state != storage::TileState::stored) return {};
-        return cache.read(tile.key, samples);
-      });
+  const auto ok = field.file().store().visit({0, 0}, {255, 0},
+                                             [&](const storage::TileRef& tile) -> Result<void> {
+                                               Bytes& samples = tiles[tile.key];
+                                               if (tile.state != storage::TileState::stored)
+                                                 return {};
+                                               return cache.read(tile.key, samples);
+                                             });
   EXPECT_TRUE(ok) << (ok ? "" : ok.error().message);
   return tiles;
 }
