@@ -3,8 +3,8 @@
 
   benchmarks/states.py VOLUME [--slf build/release/cli/slf] [--folder states-benchmark] [OPTIONS]
 
-The states are a volume, and the same cut open by planes ever further down: `--states N` in all. With
-`--times`, they are the time points of a 4-D volume. For each state it prints the bytes that it adds
+The states are a volume, and the same cut open by planes ever further down: `--states N` in all.
+With `--times`, they are the time points of a 4-D volume. For each state it prints the bytes that it adds
 to the field of all, the bytes of a field of its own, what share of tiles it has in common with
 earlier states, and the PSNR of views of both fields to ray-casting. Then the sums: all states in one
 field; a field for each; the same if equal tiles were stored once, but nothing were predicted from

@@ -1,7 +1,8 @@
 // Field: reads a field's manifest, describes its shape in numbers for the GPU, and finds its tiles.
 //
-// A tile's number in the GPU's page table is called its page; `level` to `exit` of a `tile` are what
-// the module knows it by: its level, with its state from bit 8 on, and the indices of its sections.
+// A tile's number in the GPU's page table is called its page; `level` to `exit` of a `tile` are
+// what the module knows it by: its level, with its state from bit 8 on, and the indices of its
+// sections.
 // The GPU's table is that of one state. In the file, pages of state s begin at s × shape.pages.
 
 import {kDone, kNeedsBytes, Native} from './module.js';

@@ -243,7 +243,8 @@ export class Renderer {
   }
   // The finest level that has all tiles for a ray of each cell, from -1, as far as `level`.
   survey(view) {
-    const gl = this.gl, [w, h] = this.cast({...view, stamp: undefined}, kCells, this.pass++, 'survey');
+    const gl = this.gl;
+    const [w, h] = this.cast({...view, stamp: undefined}, kCells, this.pass++, 'survey');
     const words = new Uint32Array(w * h * 4);
     gl.readBuffer(gl.COLOR_ATTACHMENT0);
     gl.readPixels(0, 0, w, h, gl.RGBA_INTEGER, gl.UNSIGNED_INT, words);
