@@ -313,6 +313,48 @@ class PageTest(unittest.TestCase):
                     self.assertLessEqual(host.bytes("field.slf"), 1.5 * payload + index + 65536)
                 page.close()
 
+    def early_site(self):
+        """A folder whose level 0 is too large to be loaded whole."""
+        field, folder = path("early.slf"), path("early")
+        slf("build", "scene:fog", "--entry", 4, "--exit", 16, "--levels", 0, "--codec", "raw",
+            "-o", field, "-f")
+        slf("export", field, "-o", folder, "-f")
+        return folder
+
+    def test_the_first_tiles_come_before_the_module(self):
+        """The exporter lists them; no other request for tiles comes before the first picture."""
+        class Late(Handler):  # the module comes after the tiles are asked for
+            ranges_asked = []
+
+            def do_GET(self):
+                if self.path.endswith("field.slf"):
+                    Late.ranges_asked.append(self.headers["Range"])
+                deadline = time.monotonic() + 20
+                while self.path.endswith("module.bin") and len(Late.ranges_asked) < 3 \
+                        and time.monotonic() < deadline:
+                    time.sleep(0.01)
+                super().do_GET()
+
+        with Host(self.early_site(), handler=Late) as host:
+            page = self.open(host.url + "/index.html")
+            page.settle()
+            found = page.run("slf.statistics().first")
+            page.close()
+            self.assertIn(",", Late.ranges_asked[2])
+            self.assertLessEqual(found["requests"], 4)
+            self.assertLess(found["milliseconds"], 20000)
+
+    def test_a_list_of_first_tiles_that_is_wrong_does_no_harm(self):
+        folder = self.early_site()
+        field = os.path.join(folder, "field.slf")
+        slf("export", self.fields[0], "-o", path("other"), "-f")
+        shutil.copy(path("other/field.slf"), field)  # smaller; index.html is of the old one
+        with Host(folder) as host:
+            page = self.open(host.url + "/index.html")
+            page.settle()
+            self.assertGreaterEqual(self.psnr(page, field, VIEWS[0], "depth", 2), MIN_PSNR["depth"])
+            page.close()
+
     def test_requests_that_share_a_connection_fill_few_gaps(self):
         if not Nginx.available():
             self.skipTest("no nginx or no openssl; scripts/install-packages --for test")

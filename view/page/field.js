@@ -153,6 +153,16 @@ export class Field {
     return this.pagesAt(this.native.calls.slf_first_tiles(kFirstRays));
   }
 
+  // Of these pages, those that the source fetches early or that have no payload; none if it fetches
+  // none early.
+  async early(pages) {
+    const {early} = this.source;
+    if (!early?.size) return [];
+    const found = await this.find(pages.map((page) => this.tile(this.inFile(page))));
+    return pages.filter((_, i) => found[i].state !== kStored ||
+                                  early.has(`${found[i].begin},${found[i].end}`));
+  }
+
   // The pages of tiles, and of all tiles that these are predicted from, as far as the field lists
   // them and prepare() has read the lists.
   withAncestors(tiles) {
