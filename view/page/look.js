@@ -167,9 +167,11 @@ button[aria-pressed="true"] { background: var(--accent); color: #06101f; }
   content: ''; position: absolute; left: -5px; top: -5px; width: 10px; height: 10px;
   border-radius: 50%; background: var(--accent); border: 1px solid #000;
 }
-.note.left { translate: -100% -100%; }
-.note.left::before { left: auto; top: auto; right: -5px; bottom: -5px; }
-.note.behind:not(:focus-within) { opacity: 0; pointer-events: none; }
+.note.left::before { left: auto; right: -5px; }
+.note.above::before { top: auto; bottom: -5px; }
+.note:focus-within { z-index: 1; }
+.note:is(.behind, .crowded):not(:focus-within) { pointer-events: none; background: none; }
+.note.behind:not(:focus-within), .note.crowded:not(:focus-within) > * { opacity: 0; }
 .note button { border: 0; border-radius: 22px; padding: 2px 14px; text-align: left; }
 .note p { margin: 0; padding: 0 14px 10px; }
 #cross {

@@ -246,7 +246,8 @@ export class SlfField extends HTMLElement {
     this.tell('camera', {view: this.viewer.camera.toText()});
   }
   keepLink() {
-    if (this.whole) history.replaceState(null, '', this.fragment());
+    if (this.whole && location.protocol !== 'about:')  // not that of a notebook
+      history.replaceState(null, '', this.fragment());
   }
   fragment() {
     const {settings} = this;
