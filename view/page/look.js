@@ -185,7 +185,7 @@ button[aria-pressed="true"] { background: var(--accent); color: #06101f; }
   width: min(460px, calc(100% - 24px)); max-height: 40%; align-items: center; gap: 8px;
   padding: 8px; backdrop-filter: blur(10px); touch-action: pan-y;
 }
-#views div { flex: 1; overflow: auto; max-height: 100%; }
+#views div { flex: 1; overflow: auto; max-height: 100%; touch-action: pan-y; }
 #views button { flex: none; font-size: 22px; }
 #title { font-weight: 600; color: inherit; display: inline-block; padding: 10px 0; }
 #count { color: var(--dim); }
