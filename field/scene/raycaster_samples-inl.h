@@ -127,21 +127,20 @@ HWY_NOINLINE void refine_entry(const TransferTable& table, Samples<S>& samples, 
   constexpr int kParts = 8;
   const float from = samples.value[k][s] + 0.5f, change = samples.value[k + 1][s] + 0.5f - from;
   const auto entry = [&](float part) {
-    return static_cast<std::size_t>(samples.row[s] +
-                                    static_cast<std::int32_t>(from + part * change));
+    return samples.row[s] + static_cast<std::int32_t>(from + part * change);
   };
   const float length = samples.length[s] / (kPieces * kParts);
   float left = 1, mean = 0;
   for (int part = 0; part < kParts; ++part) {
     const float middle = (static_cast<float>(part) + 0.5f) / kParts;
     // exp(-depth) by Padé: the library's has other last bits on other processors.
-    const float depth = table.extinctions[entry(middle)] * length;
+    const float depth = table.extinctions[static_cast<std::size_t>(entry(middle))] * length;
     const float even = 1 + depth * depth / 12, odd = depth / 2;
     const float passes = (even - odd) / (even + odd);
     mean += left * (1 - passes) * middle;
     left *= passes;
   }
-  if (left < 1) samples.entry[k][s] = static_cast<std::int32_t>(entry(mean / (1 - left)));
+  if (left < 1) samples.entry[k][s] = entry(mean / (1 - left));
 }
 
 /// Finds the opacity of each sample and its pieces. Labels are constant along an interval; a row of
