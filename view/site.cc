@@ -17,7 +17,6 @@
 #include "slf/field.h"
 #include "slf/image.h"
 #include "slf/render.h"
-#include "view/bundle.h"
 #include "view/page.h"
 
 namespace slf::view {
@@ -31,9 +30,10 @@ constexpr std::size_t kPieceBytes = std::size_t{3} << 20;
 
 /// Exported folders.
 constexpr std::string_view kIndexFile = "index.html", kStyleFile = "style.css",
-                           kScriptFile = "page.js", kModuleScriptFile = "module.bin.js",
-                           kFieldFile = "field.slf", kViewsFile = "views.json",
-                           kDarkPoster = "poster.jpg", kLightPoster = "poster-light.jpg";
+                           kScriptFile = "page.js", kModuleFile = "module.bin",
+                           kModuleScriptFile = "module.bin.js", kFieldFile = "field.slf",
+                           kViewsFile = "views.json", kDarkPoster = "poster.jpg",
+                           kLightPoster = "poster-light.jpg";
 
 constexpr std::uint32_t kPosterSize = 512;
 constexpr std::size_t kMaxPosterBytes = 40000;
@@ -51,6 +51,27 @@ std::string_view file_named(std::string_view name) {
   for (const PageFile& file : page_files())
     if (file.name == name) return file.bytes;
   return {};
+}
+
+std::string base64(std::string_view bytes) {
+  constexpr std::string_view kDigits =
+      "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+  std::string text;
+  text.reserve((bytes.size() + 2) / 3 * 4);
+  for (std::size_t at = 0; at < bytes.size(); at += 3) {
+    const std::size_t count = std::min<std::size_t>(3, bytes.size() - at);
+    std::uint32_t word = 0;
+    for (std::size_t i = 0; i < 3; ++i)
+      word = word << 8 | (i < count ? static_cast<unsigned char>(bytes[at + i]) : 0u);
+    for (std::size_t i = 0; i < 4; ++i)
+      text += i <= count ? kDigits[word >> (18 - 6 * i) & 63] : '=';
+  }
+  return text;
+}
+
+/// The WebAssembly module as a script, for where scripts cannot load other files.
+std::string module_script() {
+  return "globalThis.slfModule = '" + base64(file_named(kModuleFile)) + "';\n";
 }
 
 void replace_first(std::string& text, std::string_view what, std::string_view by) {
@@ -115,16 +136,11 @@ std::string poster_element(const Posters& posters, const std::string& dark,
          "\"></picture>\n";
 }
 
-/// The page with other elements in its head, in place of those that refer to files, and with other
-/// scripts.
-std::string page_html(const Posters& posters, std::string html, std::string_view head,
-                      std::string_view scripts) {
+/// The page with its own title, and with more in its head, before the elements that refer to files.
+std::string page_html(const Posters& posters, std::string html, const std::string& head) {
   if (!posters.title.empty())
     replace_first(html, "<title>Sphere light field", "<title>" + escape_html(posters.title));
-  const std::size_t links = html.find("<link rel=\"stylesheet\"");
-  html.replace(links, html.find("</head>") - links, head);
-  replace_first(html, "<script type=\"module\" src=\"main.js\"></script>\n", scripts);
-  return html;
+  return html.insert(html.find("<link rel=\"stylesheet\""), head);
 }
 
 /// The element's attribute for the first of the views, with a space before it.
@@ -158,20 +174,18 @@ Result<void> export_page(const std::string& field, const std::string& input,
     scripts += "<script type=\"text/plain\" class=\"piece\">" + base64(piece) + "</script>\n";
     SLF_TRY(reporter.add(piece.size()));
   }
-  scripts +=
-      "<script>\n" +
-      page_script("module: " + module_string() + ",\npieceBytes: " + std::to_string(kPieceBytes) +
-                  ", size: " + std::to_string(content.size()) + ",\n") +
-      "</script>\n";
+  scripts += "<script>\n" + module_script() + std::string(file_named(kScriptFile)) + "</script>\n";
   const auto inlined = [](std::string_view file) {
     return "data:image/jpeg;base64," + base64(file);
   };
-  const std::string page = page_html(
+  std::string page = page_html(
       posters,
       page_with(view_attribute(views),
                 poster_element(posters, inlined(posters.dark), inlined(posters.light))),
-      poster_head(posters, "") + "<style>\n" + std::string(file_named(kStyleFile)) + "</style>",
-      scripts);
+      poster_head(posters, "") + "<style>\n" + std::string(file_named(kStyleFile)) + "</style>\n");
+  const std::size_t links = page.find("<link rel=\"stylesheet\"");
+  page.erase(links, page.find("</head>") - links);
+  replace_first(page, "</body>", scripts + "</body>");
   return write_file(output, bytes_of(page));
 }
 
@@ -191,26 +205,20 @@ Result<void> export_site(const std::string& field, const std::string& input,
     copy.emplace(std::move(copied));
     SLF_TRY(index_field(copy->path(), [&] { return !progress || progress({size, size, 0}); }));
   }
-  const std::string style = "<link rel=\"stylesheet\" href=\"" + std::string(kStyleFile) + "\">\n";
-  const std::string module =
-      "<link rel=\"preload\" href=\"" + std::string(kModuleFile) + "\" as=\"fetch\" crossorigin>\n";
   const auto posters = SLF_TRY(make_posters(field, views));
   const std::string element =
       page_with("src=\"field.slf\"" + view_attribute(views) +
                     (views.json.empty() ? "" : " views=\"" + std::string(kViewsFile) + "\""),
                 poster_element(posters, std::string(kDarkPoster), std::string(kLightPoster)));
-  const std::string script = "<script src=\"" + std::string(kScriptFile) + "\"></script>\n";
   for (const auto& [name, text] : std::initializer_list<std::pair<std::string_view, std::string>>{
            {kIndexFile, page_html(posters, element,
-                                  poster_head(posters, kDarkPoster) + std::string(kSlashScript) +
-                                      style + module,
-                                  script)},
+                                  poster_head(posters, kDarkPoster) + std::string(kSlashScript))},
            {kDarkPoster, posters.dark},
            {kLightPoster, posters.light},
            {kStyleFile, std::string(file_named(kStyleFile))},
-           {kScriptFile, page_script("")},
+           {kScriptFile, std::string(file_named(kScriptFile))},
            {kModuleFile, std::string(file_named(kModuleFile))},
-           {kModuleScriptFile, "slfInside.module = " + module_string() + ";\n"},
+           {kModuleScriptFile, module_script()},
            {kViewsFile, views.json}})
     if (!text.empty()) SLF_TRY(write_file((fs::path(folder) / name).string(), bytes_of(text)));
   return copy ? copy->publish(Existing::replace) : Result<void>();
@@ -227,7 +235,7 @@ std::string escape_html(std::string_view text) {
 
 std::string page_with(std::string_view attributes, std::string_view content) {
   std::string html(file_named(kIndexFile));
-  replace_first(html, "<slf-field src=\"field.slf\" address>\n",
+  replace_first(html, "<slf-field src=\"field.slf\" own address>\n",
                 "<slf-field " + std::string(attributes) + " address>\n" + std::string(content));
   return html;
 }

@@ -23,6 +23,7 @@ from nginx import Nginx
 
 SLF, DECODED, WORK = sys.argv[1:4]
 WORK = os.path.abspath(WORK)
+ROOT = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..")
 VIEWS = [(30, 20, 3), (200, -35, 3), (110, 85, 2.2), (300, 5, 1.4), (75, 0, 6)]
 MIN_PSNR = {"bitri": 45.0, "depth": 42.0}  # dB
 # Software graphics take a second for a picture of 512². Half of that shows the same mistakes;
@@ -200,9 +201,9 @@ class PageTest(unittest.TestCase):
 
     def test_tiles_and_their_copies_in_workers_share_one_budget(self):
         """Decodes tiles that are predicted from 3 of 12 others of 100 bytes, where 10 fit."""
-        with Server(self.fields[0]) as server:
-            page = self.browser.open(server.url, 64, 64)
-            page.settle()
+        with Host(os.path.join(ROOT, "view/page")) as host:
+            page = self.browser.open(host.url + "/style.css", 64, 64)
+            page.wait("document.readyState === 'complete'")
             found = page.run("""(async () => {
               const {Decoders} = await import('./decoders.js');
               const workers = [], found = {lacking: 0, most: 0, held: 0, sent: 0};
@@ -832,10 +833,9 @@ class PageTest(unittest.TestCase):
         """The package for npm, installed, on a page whose policy forbids inline scripts."""
         if not shutil.which("npm"):
             self.skipTest("no npm")
-        root = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..")
         folder = path("embedding")
         shutil.rmtree(folder, ignore_errors=True)
-        subprocess.run([os.path.join(root, "scripts/npm-package"), SLF, folder], check=True)
+        subprocess.run([os.path.join(ROOT, "scripts/npm-package"), SLF, folder], check=True)
         package, = [name for name in os.listdir(folder) if name.endswith(".tgz")]
         subprocess.run(["npm", "install", "--silent", "--offline", "--prefix", folder,
                         os.path.join(folder, package)], check=True)

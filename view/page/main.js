@@ -1,6 +1,7 @@
 // <slf-field src="field.slf" poster="poster.jpg" views="views.json" view="30,20,3" address>: an
 // element that shows a field (doc/web.md). With `address`, as in the page of slf view and of
-// exports, the page belongs to it: its address has the view, and all keys are for it.
+// exports, the page belongs to it: its address has the view, and all keys are for it. With `own`, as
+// in slf view, it may not show fields of other hosts.
 
 import {dot} from './camera.js';
 import {attach} from './controls.js';
@@ -9,15 +10,16 @@ import {Explain} from './explain.js';
 import {kMarkup, kStyle} from './look.js';
 import {embeddedSource, fileSource, HttpSource} from './source.js';
 import {sleep, Viewer} from './viewer.js';
+import {serve} from './worker.js';
+import workerScript from 'worker-script';  // worker.js as the build bundles it
 
 const kCounts = 200;     // milliseconds between updates of the panel
 const kStep = 100;       // milliseconds that each state is shown at least while states play
 const kMaxPanel = 0.1;   // of the element that the panel covers; a larger one starts folded
 
-// What exports have (view/bundle.h): `worker`, the script of the workers as a function, and in one
-// file also the module and the field.
-const inside = globalThis.slfInside;
-const base = document.currentScript?.src || globalThis.slfBase || document.baseURI;
+const base = document.currentScript?.src || document.baseURI;
+// The field, where it is inside the page.
+const pieces = [...document.querySelectorAll('script.piece')].map((script) => script.textContent);
 const human = (n) =>
   n < 1 << 20 ? `${(n / 1024).toFixed(0)} KiB` : `${(n / (1 << 20)).toFixed(1)} MiB`;
 const light = matchMedia('(prefers-color-scheme: light)');
@@ -27,16 +29,17 @@ sheet.replaceSync(kStyle);
 // ---- the parts that all elements share ----------------------------------------------------------
 
 const fromBase64 = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
-// Resolves to the module, as an answer. From disk and in a sandbox only scripts can be loaded.
+// Resolves to the module, as an answer. From disk and in a sandbox only scripts can be loaded; those
+// of exports define slfModule.
 async function packedModule() {
-  const answer = inside?.module ? undefined
-    : await fetch(new URL('module.bin', base)).catch(() => {});
-  if (answer?.ok) return answer;
-  if (inside && !inside.module)
+  if (!globalThis.slfModule) {
+    const answer = await fetch(new URL('module.bin', base)).catch(() => {});
+    if (answer?.ok) return answer;
     await new Promise((done) => document.head.append(Object.assign(
       document.createElement('script'),
       {src: new URL('module.bin.js', base), onload: done, onerror: done})));
-  if (inside?.module) return new Response(fromBase64(inside.module));
+  }
+  if (globalThis.slfModule) return new Response(fromBase64(globalThis.slfModule));
   throw new Error('A part of this page cannot be loaded: module.bin.');
 }
 async function compileModule() {
@@ -61,14 +64,11 @@ const loadModule = () => {
 };
 
 // A worker, and what stands in for one where the host of the page forbids workers.
-function makeWorker() {
-  if (!inside) return new Worker('worker.js', {type: 'module'});
-  return new Worker(URL.createObjectURL(new Blob([`(${inside.worker})(self)`])));
-}
+const makeWorker = () => new Worker(URL.createObjectURL(new Blob([workerScript])));
 function makeStandIn() {
   const port = {postMessage: (data) => setTimeout(() => self.onmessage({data}))};
   const self = {postMessage: (data) => port.onmessage({data})};
-  inside.worker(self);
+  serve(self);
   return port;
 }
 
@@ -162,7 +162,7 @@ export class SlfField extends HTMLElement {
   async start() {
     const {viewer} = this, coming = loadModule();
     this.source = await this.findField();
-    const decoders = new Decoders(makeWorker, inside && makeStandIn);
+    const decoders = new Decoders(makeWorker, makeStandIn);
     await viewer.open(this.source, coming, decoders);
     this.say('');
     this.fillPanel();
@@ -186,12 +186,9 @@ export class SlfField extends HTMLElement {
   // Where the field is: inside the page; where ?field=ADDRESS says; or where `src` does.
   async findField() {
     const src = this.getAttribute('src');
-    if (inside?.size && !src) {
-      const pieces = [...document.querySelectorAll('script.piece')].map((s) => s.textContent);
-      return embeddedSource(pieces, inside.pieceBytes, inside.size);
-    }
+    if (pieces.length > 0 && !src) return embeddedSource(pieces);
     const given = this.whole ? new URLSearchParams(location.search).get('field') : undefined;
-    if (given && !inside)
+    if (given && this.hasAttribute('own'))
       throw new Error('slf view shows only its own fields; the page of slf export shows others.');
     let url;
     try {
@@ -296,8 +293,8 @@ export class SlfField extends HTMLElement {
   showCounts() {
     const {source, loader, rate} = this.viewer;
     this.byId('rate').textContent = rate ? rate.toFixed(0) : '–';
-    this.byId('bytes').textContent = inside?.size && !this.getAttribute('src') ? human(source.size)
-      : `${human(source.bytes)} (${(100 * source.bytes / source.size).toFixed(0)} %)`;
+    this.byId('bytes').textContent =
+      `${human(source.bytes)} (${(100 * source.bytes / source.size).toFixed(0)} %)`;
     this.byId('tiles').textContent = String(loader.tiles);
     if (loader.damaged > 0)
       this.say(`${loader.damaged} damaged tiles: coarser ones stand in. slf verify says more.`);

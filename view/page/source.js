@@ -388,15 +388,19 @@ class LocalSource {
 export const fileSource = (file) => new LocalSource(file.size, async (begin, end) =>
   new Uint8Array(await file.slice(begin, end).arrayBuffer()));
 
-// A file inside the page, as pieces of base64. Each piece but the last has a multiple of 3 bytes.
-export const embeddedSource = (pieces, pieceBytes, size) => new LocalSource(size, (begin, end) => {
-  const bytes = new Uint8Array(end - begin);
-  for (let at = begin; at < end;) {
-    const piece = Math.floor(at / pieceBytes), from = at - piece * pieceBytes;
-    const to = Math.min(from + end - at, pieceBytes), first = Math.floor(from / 3);
-    const text = atob(pieces[piece].slice(first * 4, Math.ceil(to / 3) * 4));
-    for (let i = from; i < to; ++i) bytes[at - begin + i - from] = text.charCodeAt(i - first * 3);
-    at += to - from;
-  }
-  return bytes;
-});
+// A file inside the page, as pieces of base64. All but the last are equally long, without padding.
+export function embeddedSource(pieces) {
+  const sizes = pieces.map((piece) => piece.length / 4 * 3 - piece.match(/=*$/)[0].length);
+  const size = sizes.reduce((sum, count) => sum + count);
+  return new LocalSource(size, (begin, end) => {
+    const bytes = new Uint8Array(end - begin);
+    for (let at = begin; at < end;) {
+      const piece = Math.floor(at / sizes[0]), from = at - piece * sizes[0];
+      const to = Math.min(from + end - at, sizes[0]), first = Math.floor(from / 3);
+      const text = atob(pieces[piece].slice(first * 4, Math.ceil(to / 3) * 4));
+      for (let i = from; i < to; ++i) bytes[at - begin + i - from] = text.charCodeAt(i - first * 3);
+      at += to - from;
+    }
+    return bytes;
+  });
+}
