@@ -7,6 +7,7 @@ import {add, Camera, dot} from './camera.js';
 import {Field} from './field.js';
 import {Loader} from './loader.js';
 import {Renderer} from './renderer.js';
+import {layersOf, looksOf} from './structures.js';
 
 const kTileBytes = 192 << 20;  // of textures
 const kFrame = 40;             // milliseconds: slower frames of a moving camera have fewer pixels,
@@ -40,6 +41,7 @@ export class Viewer {
     this.seen = true;        // whether the canvas is in sight
     // first, complete: traffic() until the first picture, and until the first complete one
     // stuck: the view and the tiles with which level 0 was incomplete, if it is
+    // stale: whether the canvas shows another state, or structures with other looks
     // maskOf: the view that the renderer's mask is of
   }
 
@@ -74,6 +76,7 @@ export class Viewer {
     const field = this.field = new Field(source, await module);
     await field.open();
     field.state = field.stateNumber(this.settings.state);
+    field.layers = layersOf(looksOf(field.structures, this.settings.structures).looks);
     decoders.open(field);
     this.loader = new Loader(field, decoders, fail);
     // The tiles that matter most come while the graphics card makes room.
@@ -144,10 +147,23 @@ export class Viewer {
   // Shows another state of the field. Until its level 0 is there, the canvas keeps the picture.
   showState(state) {
     if (state === this.field.state) return;
-    this.loader.show(state);
+    this.field.state = state;
+    this.reload();
+    this.moved();
+  }
+  // The same for structures, by their looks.
+  showStructures(looks) {
+    const layers = layersOf(looks);
+    if (JSON.stringify(layers) === JSON.stringify(this.field.layers)) return;
+    this.field.layers = layers;
+    this.reload();
+    this.changed();
+  }
+  reload() {
+    this.loader.show();
+    this.stale = true;
     this.stuck = undefined;
     this.reached = -1;
-    this.moved();
   }
 
   // Turns the camera to another place, given as Camera.toText() says, in an eased flight.
@@ -258,6 +274,7 @@ export class Viewer {
     await this.quickly(view, kFrame);
     if (this.lost) return;
     this.renderer.fade(1);
+    this.stale = false;
     ++this.frames;
     this.on.shown();
   }
@@ -289,6 +306,7 @@ export class Viewer {
 
   // Fades in the picture that was drawn.
   show() {
+    this.stale = false;
     this.fading = calm.matches || !this.first ? 1 : kFade;
   }
 
@@ -428,6 +446,7 @@ export class Viewer {
   // always has something to draw, and many tiles are predicted from it.
   async allOfLevel0(most) {
     const {pageBase, pages} = this.field.shape, all = [...Array(pageBase[1] || pages).keys()];
-    return all.length <= kMaxSmall && await this.field.payloadBytes(all) <= most ? all : [];
+    const inFile = this.field.inFile(all);
+    return inFile.length <= kMaxSmall && await this.field.payloadBytes(inFile) <= most ? all : [];
   }
 }
