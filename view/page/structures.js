@@ -18,7 +18,7 @@ function parsed(text) {
     else if (/^\d*\.?\d+(e-?\d+)?$/i.test(part)) look.opacity = Math.min(1, Number(part));
     else break;
   }
-  look.shown = look.opacity > 0;
+  if (look.opacity === 0) Object.assign(look, {shown: false, opacity: 1});
   return {name, look};
 }
 // What tells whether a pattern fits a name, as fnmatch() does.
