@@ -43,7 +43,7 @@ export function looksOf(names, texts = ['*']) {
     names.forEach((one, k) => { if (is(one)) looks[k] = {...look}; });
   }
   const useless = texts.length > 0 && texts.length === unknown.length;
-  return {looks: useless ? looksOf(names).looks : looks, unknown};
+  return {looks: useless ? names.map(() => ({...kPlain})) : looks, unknown};
 }
 // The shortest list of such texts.
 export function textsOf(names, looks) {
