@@ -41,6 +41,7 @@ export class Viewer {
     this.seen = true;        // whether the canvas is in sight
     // first, complete: traffic() until the first picture, and until the first complete one
     // stuck: the view and the tiles with which level 0 was incomplete, if it is
+    // again: whether the view is loaded again, as before
     // stale: whether the canvas shows another state, or structures with other looks
     // maskOf: the view that the renderer's mask is of
   }
@@ -156,6 +157,7 @@ export class Viewer {
     const layers = layersOf(looks);
     if (JSON.stringify(layers) === JSON.stringify(this.field.layers)) return;
     this.field.layers = layers;
+    this.again = true;
     this.reload();
     this.changed();
   }
@@ -357,9 +359,12 @@ export class Viewer {
       }
       const view = this.view(), asked = this.version;
       const moving = this.first && this.moves(performance.now());
+      // Other structures need nearly the same tiles.
+      const again = this.again && needed.size > 0 && !moving;
+      this.again = false;
       if (view.stamp !== seen) {
         seen = view.stamp;
-        needed = new Set();
+        if (!again) needed = new Set();
         thorough = false;
         this.reached = -1;
       }
@@ -380,7 +385,7 @@ export class Viewer {
         continue;
       }
       const [pages] = await Promise.all(
-        [thorough ? this.renderer.askAll(view) : this.askFew(view, moving),
+        [again ? [] : thorough ? this.renderer.askAll(view) : this.askFew(view, moving),
          field.prepare(view.level)]);
       if (this.failed || this.lost) continue;
       for (const at of pages) needed.add(at);
