@@ -1058,13 +1058,15 @@ globalThis.right = document.getElementById('a') instanceof SlfField;""")
             script = file.read()
         views = {"views": [{"title": "Left", "text": "A text", "orbit": [90, 0, 3]}],
                  "notes": [{"label": "Note", "text": "More", "point": [0, 0, 0]}]}
-        with self.explained(views) as server:
+        panels = [("h", "settings"), ("l", "parts")]  # on a phone, the last one that is opened shows
+        with self.explained(views, self.structured()) as server:
             for (width, height), dark in [((1280, 800), True), ((1280, 800), False),
                                           ((390, 844), True), ((390, 844), False)]:
                 page = self.browser.open(server.url, width, height, dark=dark)
                 page.settle()
-                if page.run("slf.root.getElementById('settings').hidden"):
-                    self.press(page, "h")
+                for key, panel in panels if dark else panels[::-1]:
+                    if page.run(f"slf.root.getElementById('{panel}').hidden"):
+                        self.press(page, key)
                 page.run(script + "; 0")
                 found = page.run("""axe.run(document, {runOnly: [
                     'wcag2a', 'wcag2aa', 'wcag21a', 'wcag21aa', 'wcag22aa']}).then(

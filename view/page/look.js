@@ -165,7 +165,7 @@ button[aria-pressed="true"] { background: var(--accent); color: #06101f; }
 }
 #list { list-style: none; margin: 0; padding: 0; display: grid; gap: 4px; }
 #list li { display: grid; grid-template-columns: 44px 1fr 44px auto; gap: 4px; }
-#list label { display: grid; gap: 0; align-content: center; min-width: 0; }
+#list label { display: grid; gap: 0; grid-template-columns: minmax(0, 1fr); }
 #list span { overflow: hidden; white-space: nowrap; text-overflow: ellipsis; }
 #list i {
   display: inline-block; width: 10px; height: 10px; margin-right: 6px; border-radius: 50%;
@@ -254,4 +254,5 @@ dialog form { margin-top: 14px; text-align: right; }
     top: auto; bottom: 8px; left: 8px; right: 8px; width: auto; max-width: none; max-height: 60%;
     z-index: 1;
   }
+  #structures:not(:has(> div[hidden])) { max-height: 42%; }
 }`;

@@ -400,6 +400,8 @@ export class Viewer {
       } else {
         await this.arrived(view, !thorough);
         thorough = true;
+        for (let level = view.level; again && level >= 0 && this.stale && this.current(asked);)
+          await this.showCoarse(view, level--);
       }
     }
   }
@@ -432,7 +434,7 @@ export class Viewer {
       if (begin < next || this.drawing) continue;
       const reach = many ? Math.min(view.level - 1, ...this.renderer.survey(view)) : -1;
       if (reach > this.reached && await this.showCoarse(view, reach)) this.reached = reach;
-      else if (many) await this.sharpen(view);
+      else if (many && !this.stale) await this.sharpen(view);
       const now = performance.now();
       next = this.first ? now + Math.max(kLook, now - begin) : now;
     }
