@@ -287,8 +287,7 @@ Result<Server> Server::make(std::span<const std::string> fields, const ServerOpt
   const auto field = SLF_TRY(Field::open(fields[0]));
   const Views views = SLF_TRY(parse_views(options.views, field.shape().sphere));
   state->views = views.json;
-  state->index = page_with("src=\"field.slf\" own" +
-                               (views.first.empty() ? "" : " view=\"" + views.first + "\"") +
+  state->index = page_with("src=\"field.slf\" own" + views.attributes +
                                (views.json.empty() ? "" : " views=\"views.json\""),
                            "");
   std::size_t hash = std::hash<std::string>()(state->index + state->views);

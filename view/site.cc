@@ -12,6 +12,7 @@
 #include "base/bytes.h"
 #include "base/reporter.h"
 #include "base/try.h"
+#include "field/structure_looks.h"
 #include "field/write/field_index.h"
 #include "slf/camera.h"
 #include "slf/field.h"
@@ -87,7 +88,13 @@ struct Posters {
 };
 
 Result<Posters> make_posters(const std::string& path, const Views& views) {
-  const auto field = SLF_TRY(Field::open(path));
+  auto field = SLF_TRY(Field::open(path));
+  if (has_structures(field)) {
+    std::vector<StructureLook> unknown;
+    auto shown = SLF_TRY(
+        structures_of(field, views.structures.value_or(std::vector<std::string>{"*"}), unknown));
+    field = SLF_TRY(compose(field, std::move(shown)));
+  }
   const Sphere& sphere = field.shape().sphere;
   std::array<double, 6> view{30, 20, 3, 0, 0, 0};  // as in camera.js
   std::istringstream numbers(views.first);
@@ -153,11 +160,6 @@ std::string page_html(const Posters& posters, std::string html, const std::strin
   return html.insert(html.find("<link rel=\"stylesheet\""), head);
 }
 
-/// The element's attribute for the first of the views, with a space before it.
-std::string view_attribute(const Views& views) {
-  return views.first.empty() ? "" : " view=\"" + views.first + "\"";
-}
-
 /// Checks that the file is a field, and returns its size.
 Result<std::uint64_t> field_size(const std::string& path) {
   const auto field = SLF_TRY(Field::open(path));
@@ -190,7 +192,7 @@ Result<void> export_page(const std::string& field, const std::string& input,
   };
   std::string page = page_html(
       posters,
-      page_with(view_attribute(views),
+      page_with(views.attributes,
                 poster_element(posters, inlined(posters.dark), inlined(posters.light))),
       poster_head(posters, "") + "<style>\n" + std::string(file_named(kStyleFile)) + "</style>\n");
   const std::size_t links = page.find("<link rel=\"stylesheet\"");
@@ -217,7 +219,7 @@ Result<void> export_site(const std::string& field, const std::string& input,
   }
   const auto posters = SLF_TRY(make_posters(field, views));
   const std::string element =
-      page_with("src=\"field.slf\" first=\"" + posters.first + "\"" + view_attribute(views) +
+      page_with("src=\"field.slf\" first=\"" + posters.first + "\"" + views.attributes +
                     (views.json.empty() ? "" : " views=\"" + std::string(kViewsFile) + "\""),
                 poster_element(posters, std::string(kDarkPoster), std::string(kLightPoster)));
   for (const auto& [name, text] : std::initializer_list<std::pair<std::string_view, std::string>>{

@@ -179,6 +179,152 @@ class PageTest(unittest.TestCase):
             self.press(page, "p")
             page.close()
 
+    @classmethod
+    def structured(cls):
+        """A field of four structures: a core within two lobes, and a stem."""
+        def label(x, y, z):
+            square = sum((at - 11.5) ** 2 for at in (x, y, z))
+            if max(abs(x - 11.5), abs(y - 11.5)) < 2 and z < 6:
+                return 4
+            return 0 if square > 81 else 1 if square < 25 else 2 if x < 12 else 3
+
+        with open(path("labels.raw"), "wb") as file:
+            file.write(bytes(label(x, y, z)
+                             for z in range(24) for y in range(24) for x in range(24)))
+        with open(path("labels.json"), "w") as file:
+            json.dump({"labels": [{"id": 0, "opacity": 0}] + [
+                {"id": k, "name": name, "color": color} for k, name, color in [
+                    (1, "core", [0.9, 0.8, 0.6]), (2, "left lobe", [0.4, 0.6, 0.9]),
+                    (3, "right lobe", [0.9, 0.5, 0.4]), (4, "stem, white", [1, 1, 1])]]}, file)
+        field = path("structures.slf")
+        slf("build", path("labels.raw"), "--dims", "24x24x24", "--labels", "--label-table",
+            path("labels.json"), "--each-label", "--lighting", "direct", "--levels", 1, "--entry",
+            4, "--exit", 16, "-o", field, "-f")
+        return field
+
+    def same_as(self, page, field, *structures, view=VIEWS[0], fragment=""):
+        """Whether the page shows what slf render --structure draws."""
+        options = [text for name in structures for text in ("--structure", name)]
+        found = self.psnr(page, field, view, "depth", 1, fragment, options)
+        with self.subTest(structures=structures, view=view):
+            self.assertGreaterEqual(found, MIN_PSNR["depth"])
+
+    def test_structures(self):
+        """The list of structures: hidden, alone, faded and tinted ones, as slf render draws them."""
+        field = self.structured()
+        with Server(field) as server:
+            page = self.browser.open(server.url, SIZE, SIZE)
+            page.settle()
+            part = "slf.root.querySelector('[aria-label=\"{}\"]')"
+
+            def click(label):
+                page.run(part.format(label) + ".click()")
+                page.settle()
+
+            def enter(label, value):
+                page.run(f"""(() => {{
+                  const input = {part.format(label)};
+                  input.value = {json.dumps(value)};
+                  input.dispatchEvent(new Event('input'));
+                }})()""")
+                page.wait("!slf.stale")
+                page.settle()
+
+            self.assertEqual(page.run(
+                "[...slf.root.querySelectorAll('#list label')].map((e) => e.textContent)"),
+                ["core", "left lobe", "right lobe", "stem, white"])
+            self.assertTrue(page.run("slf.root.getElementById('states').hidden"))
+            for view in VIEWS[:2]:
+                self.same_as(page, field, view=view)
+            self.psnr(page, field, VIEWS[1], "depth", 0)  # all tiles of which are there
+            page.wait("!slf.statistics().busy")
+            loaded = page.run("slf.statistics().bytes")
+            for label in ["Show left lobe", "Show stem, white", "Only core", "Only core"]:
+                click(label)
+            page.run("slf.root.getElementById('all-on').click()")
+            page.settle()
+            self.assertEqual(page.run("slf.statistics().bytes"), loaded)
+            # Rays meet other surfaces now, but none of what is hidden.
+            page.run("""(() => {
+              const {reader} = slf.loader, read = reader.read;
+              globalThis.states = new Set();
+              reader.read = (pages) => {
+                pages.forEach((page) => states.add(Math.floor(page / slf.pages())));
+                return read.call(reader, pages);
+              };
+            })()""")
+            click("Show right lobe")
+            self.same_as(page, field, "*", "right lobe:0", view=VIEWS[1])
+            self.assertEqual(page.run("[...states].sort()"), [0, 1, 3])
+            self.assertIn("structures=*,right%20lobe:0&", page.run("location.hash"))
+            click("Only core")
+            self.same_as(page, field, "core", view=VIEWS[1])
+            click("Only core")  # what was shown before
+            self.same_as(page, field, "*", "right lobe:0", view=VIEWS[1])
+            page.run("slf.root.getElementById('all-on').click()")
+            enter("Opacity of left lobe", "0.4")
+            enter("Tint of stem, white", "#ffd080")
+            self.same_as(page, field, "*", "left lobe:0.4", "stem, white:#ffd080")
+            self.assertEqual(page.run("document.querySelector('slf-field').structures"),
+                             ["*", "left lobe:0.4", "stem, white:#ffd080"])
+            page.run("slf.root.getElementById('all-off').click()")
+            page.settle()
+            self.assertEqual(page.run("slf.loader.tiles"), 0)
+            self.assertEqual(page.run("slf.statistics().damaged"), 0)
+            page.close()
+
+    def test_structures_by_address_and_keyboard(self):
+        field = self.structured()
+        with Server(field) as server:
+            loaded = {}
+            for structures, options in [
+                    ("*", ["*"]), ("stem%2C white", ["stem, white"]),
+                    ("*lobe:0.3:%23ffd0b0,core", ["*lobe:0.3:#ffd0b0", "core"])]:
+                page = self.browser.open(server.url + f"#structures={structures}", SIZE, SIZE)
+                page.settle()
+                page.wait("!slf.statistics().busy")
+                loaded[structures] = page.run("slf.statistics().bytes")
+                self.same_as(page, field, *options)
+                page.close()
+            # What is hidden is not loaded.
+            self.assertLess(loaded["stem%2C white"], 0.6 * loaded["*"])
+            page = self.browser.open(server.url + "#structures=core,no such", SIZE, SIZE)
+            page.settle()
+            self.assertIn("no structure named no such",
+                          page.run("slf.root.getElementById('status').textContent"))
+            if page.run("slf.root.getElementById('parts').hidden"):
+                self.press(page, "l")
+            reached = []
+            for _ in range(60):
+                self.press(page, "Tab")
+                reached.append(page.run("slf.root.activeElement?.getAttribute('aria-label')"))
+                if reached[-1] == "Show left lobe":
+                    break
+            self.assertEqual(reached[-5:], ["Show core", "Opacity of core", "Tint of core",
+                                            "Only core", "Show left lobe"])
+            self.press(page, " ")
+            page.wait("slf.field.layers.length === 2")
+            self.press(page, "Tab")
+            self.press(page, "ArrowLeft")
+            page.wait("slf.field.layers[1].opacity === 0.99")
+            self.assertEqual(page.run("slf.camera.toText()"), "30,20,3")
+            page.settle()
+            self.assertIn("structures=core,left%20lobe:0.99", page.run("location.hash"))
+            page.close()
+
+    def test_structures_in_saved_views_and_as_an_attribute(self):
+        field = self.structured()
+        views = {"views": [{"title": "All", "orbit": [30, 20, 3]},
+                           {"title": "Core", "orbit": [30, 20, 3], "structures": ["core:0.5"]}]}
+        with self.explained(views, field) as server:
+            page = self.browser.open(server.url + "#saved=2", SIZE, SIZE)
+            page.wait("slf.field?.layers?.length === 1 && slf.field.layers[0].opacity === 0.5")
+            page.run("""document.querySelector('slf-field').setAttribute('structures',
+                          'stem%2C white'); 0""")
+            page.wait("slf.field.layers.length === 1 && slf.field.layers[0].state === 3")
+            self.assertEqual(page.run("slf.root.getElementById('shown').textContent"), "1 of 4")
+            page.close()
+
     def test_decodes_the_same_samples(self):
         for field in self.fields:
             stride = 31
@@ -1012,13 +1158,15 @@ globalThis.right = document.getElementById('a') instanceof SlfField;""")
             script = file.read()
         views = {"views": [{"title": "Left", "text": "A text", "orbit": [90, 0, 3]}],
                  "notes": [{"label": "Note", "text": "More", "point": [0, 0, 0]}]}
-        with self.explained(views) as server:
+        panels = [("h", "settings"), ("l", "parts")]  # on a phone, the last one that is opened shows
+        with self.explained(views, self.structured()) as server:
             for (width, height), dark in [((1280, 800), True), ((1280, 800), False),
                                           ((390, 844), True), ((390, 844), False)]:
                 page = self.browser.open(server.url, width, height, dark=dark)
                 page.settle()
-                if page.run("slf.root.getElementById('settings').hidden"):
-                    self.press(page, "h")
+                for key, panel in panels if dark else panels[::-1]:
+                    if page.run(f"slf.root.getElementById('{panel}').hidden"):
+                        self.press(page, key)
                 page.run(script + "; 0")
                 found = page.run("""axe.run(document, {runOnly: [
                     'wcag2a', 'wcag2aa', 'wcag21a', 'wcag21aa', 'wcag22aa']}).then(

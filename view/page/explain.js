@@ -23,10 +23,10 @@ function rounded(value, error) {
 }
 
 export class Explain {
-  // `byId` finds parts of the element; `say(text)` tells something, `hint(text)` for a moment;
-  // `linked`: views have addresses.
-  constructor(viewer, byId, say, hint, linked) {
-    Object.assign(this, {viewer, byId, say, hint, linked, views: [], notes: [], marks: [], at: -1});
+  // `element`: the <slf-field>; `byId` finds its parts.
+  constructor(element, byId) {
+    Object.assign(this, {element, byId, viewer: element.viewer, views: [], notes: [], marks: [],
+                         at: -1});
     this.tool = undefined;  // 'ruler' or 'mark': what a click on the surface does
     byId('previous').onclick = () => this.go(this.at - 1);
     byId('next').onclick = () => this.go(this.at + 1);
@@ -90,12 +90,14 @@ export class Explain {
     const at = (number + this.views.length) % this.views.length;
     this.tell(at);
     this.viewer.flyTo(this.views[at].camera);
+    const {structures} = this.views[at];
+    if (structures) this.element.structures = structures;
   }
   tell(at) {
     this.at = at;
     const {title, text} = this.views[at], link = this.byId('title');
     link.textContent = title;
-    if (this.linked) link.href = `#saved=${at + 1}`;
+    if (this.element.whole) link.href = `#saved=${at + 1}`;
     this.byId('count').textContent = `${at + 1} of ${this.views.length}`;
     fill(this.byId('text'), text);
   }
@@ -103,15 +105,17 @@ export class Explain {
     const {azimuth, elevation, distance, target} = this.viewer.camera;
     const round = (v) => Math.round(v * 1e3) / 1e3;
     return {title: 'Title', text: '', orbit: [azimuth, elevation, distance].map(round),
-            ...(target.some((v) => v !== 0) && {target: this.outward(target).map(round)})};
+            ...(target.some((v) => v !== 0) && {target: this.outward(target).map(round)}),
+            ...(this.viewer.field.structures.length > 0 &&
+                {structures: this.element.structures})};
   }
   async copy(value, name) {
     const text = JSON.stringify(value);
     try {
       await navigator.clipboard.writeText(text);
-      this.hint(`${name} is on the clipboard, for views.json.`);
+      this.element.hint(`${name} is on the clipboard, for views.json.`);
     } catch {
-      this.say(text);
+      this.element.say(text);
     }
   }
 
@@ -126,19 +130,19 @@ export class Explain {
     this.byId('cross').hidden = !this.tool;
     this.marks = [];
     this.place();
-    this.say(!this.tool ? '' : `Click ${tool === 'ruler' ? 'two points' : 'a point'} of the ` +
+    this.element.say(!this.tool ? '' : `Click ${tool === 'ruler' ? 'two points' : 'a point'} of the ` +
              'surface, or press Enter for the one in the middle.');
   }
   // A click on the surface, at a result of Viewer.pick().
   picked(found) {
     if (!this.tool) return;
-    if (!found) return this.say('Nothing opaque is there.');
+    if (!found) return this.element.say('Nothing opaque is there.');
     if (this.tool === 'mark')
       return this.copy({label: 'Label', text: '', point: found.point.map((v) => +v.toFixed(3))},
                        'The note');
     this.marks = [...this.marks.slice(this.marks.length === 2 ? 2 : 0), found];
     this.place();
-    if (this.marks.length === 2) this.say(this.length().text);
+    if (this.marks.length === 2) this.element.say(this.length().text);
   }
   // Between the two points of the ruler, in world units.
   length() {

@@ -7,15 +7,19 @@ import {dot} from './camera.js';
 import {attach} from './controls.js';
 import {Decoders} from './decoders.js';
 import {Explain} from './explain.js';
+import {ownColors, StructureList} from './list.js';
 import {kMarkup, kStyle} from './look.js';
 import {embeddedSource, fileSource, HttpSource} from './source.js';
+import {joined, looksOf, split, textsOf} from './structures.js';
 import {sleep, Viewer} from './viewer.js';
 import {serve} from './worker.js';
 import workerScript from 'worker-script';  // worker.js as the build bundles it
 
 const kCounts = 200;     // milliseconds between updates of the panel
 const kStep = 100;       // milliseconds that each state is shown at least while states play
-const kMaxPanel = 0.1;   // of the element that the panel covers; a larger one starts folded
+const kMaxPanel = 0.1;   // of the element that the panel covers; a larger one starts folded,
+const kMaxList = 0.16;   // and so does a larger list of structures,
+const kNarrow = 640;     // or any in an element of at most so many pixels, as in look.js
 
 const base = document.currentScript?.src || document.baseURI;
 // The field, where it is inside the page.
@@ -105,8 +109,11 @@ export class SlfField extends HTMLElement {
     if (poster)
       this.byId('picture').before(Object.assign(new Image(), {src: poster, alt: '', id: 'poster'}));
     this.byId('fold').onclick = () => this.fold();
-    this.explain = new Explain(viewer, this.byId, this.say.bind(this), this.hint.bind(this),
-                               this.whole);
+    this.byId('unroll').onclick = () => this.unroll();
+    this.explain = new Explain(this, this.byId);
+    this.list = new StructureList(this.byId, (looks) => this.showLooks(looks));
+    const structures = this.getAttribute('structures');
+    if (structures !== null) this.settings.structures = split(structures);
     viewer.camera.fromText(this.getAttribute('view'));
     if (this.whole) this.readFragment();
     const {offsetWidth, offsetHeight} = this.byId('panel');
@@ -139,6 +146,24 @@ export class SlfField extends HTMLElement {
   // What the surface is at a place of the element, in CSS pixels: {point, depth, uncertainty} in
   // world units, or null.
   pick(x, y) { return this.viewer.pick(x, y); }
+
+  // The structures that are shown, and how: texts as slf render --structure takes them.
+  get structures() { return this.settings?.structures ?? ['*']; }
+  // Also takes one text, as the page's address has it.
+  set structures(given) {
+    if (!this.settings) return this.setAttribute('structures', joined(split(given)));
+    this.settings.structures = split(given);
+    const names = this.list.names;
+    if (!names) return;  // later
+    const {looks, unknown} = looksOf(names, this.settings.structures);
+    if (unknown.length > 0) this.hint(`This field has no structure named ${unknown.join(', ')}.`);
+    this.list.show(looks);
+    this.showLooks(looks);
+  }
+  static observedAttributes = ['structures'];
+  attributeChangedCallback(name, before, value) {
+    if (this.settings) this.structures = value ?? '*';
+  }
 
   tell(name, detail) {
     this.dispatchEvent(new CustomEvent(name, {detail, bubbles: true, composed: true}));
@@ -251,9 +276,10 @@ export class SlfField extends HTMLElement {
   }
   fragment() {
     const {settings} = this;
-    const {states, state} = this.viewer.field;
+    const {states, state, structures} = this.viewer.field;
     return `#view=${this.viewer.camera.toText()}&mode=${settings.mode}&level=${settings.level}` +
            (states.length > 1 ? `&state=${encodeURIComponent(states[state])}` : '') +
+           (structures.length > 0 ? `&structures=${joined(this.structures)}` : '') +
            `&background=${settings.background.slice(1)}` + (this.viewer.field.radiance
              ? `&curve=${settings.curve}&exposure=${settings.exposure}` : '');
   }
@@ -264,6 +290,11 @@ export class SlfField extends HTMLElement {
       this.shadowRoot.querySelector('slot').hidden = this.turned = true;  // not of this view
     }
     if (given.has('state')) settings.state = given.get('state');
+    // Of structures, a state is one of them.
+    const parts = /[#&]structures=([^&]*)/.exec(location.hash);  // with its commas as they are
+    if (parts) settings.structures = split(parts[1]);
+    else if (given.has('state')) settings.structures = [given.get('state')];
+    if (parts) this.shadowRoot.querySelector('slot').hidden = this.turned = true;
     if (given.has('saved')) this.explain.go(given.get('saved') - 1);
     if (['depth', 'bitri'].includes(given.get('mode'))) settings.mode = given.get('mode');
     if (/^(auto|\d{1,2})$/.test(given.get('level') ?? '')) settings.level = given.get('level');
@@ -310,6 +341,7 @@ export class SlfField extends HTMLElement {
     const facts = {
       Source: p.source ? name(p.source) : p.name,
       State: this.settings.state,
+      Structures: this.list.names?.length,
       Kind: p.kind,
       Voxels: p.dims?.join(' × '),
       Colours: p.transfer?.[0]?.Name,
@@ -388,7 +420,7 @@ export class SlfField extends HTMLElement {
       moved, tap,
       hears: this.whole ? globalThis : this,
       wheels: () => this.whole || this.shadowRoot.activeElement,
-      keys: {r: reset, f: fill, h: () => this.fold(), ' ': toggleSpin,
+      keys: {r: reset, f: fill, h: () => this.fold(), l: () => this.unroll(), ' ': toggleSpin,
              m: () => explain.use('ruler'), p: () => this.play(), ',': () => this.showState(viewer.field.state - 1),
              '.': () => this.showState(viewer.field.state + 1),
              pageup: () => explain.go(explain.at - 1), pagedown: () => explain.go(explain.at + 1),
@@ -396,15 +428,23 @@ export class SlfField extends HTMLElement {
     });
   }
   // Hides or shows the settings.
-  fold() {
-    const hidden = this.byId('settings').hidden = !this.byId('settings').hidden;
-    this.byId('fold').textContent = hidden ? '+' : '–';
-    this.byId('fold').setAttribute('aria-expanded', String(!hidden));
+  fold() { this.toggle('settings', 'fold'); }
+
+  // Hides or shows the list of structures.
+  unroll() { this.toggle('parts', 'unroll'); }
+  toggle(id, by) {
+    const hidden = this.byId(id).hidden = !this.byId(id).hidden;
+    this.byId(by).textContent = hidden ? '+' : '–';
+    this.byId(by).setAttribute('aria-expanded', String(!hidden));
+    const [other, otherBy] = id === 'parts' ? ['settings', 'fold'] : ['parts', 'unroll'];
+    if (!hidden && this.offsetWidth <= kNarrow && !this.byId(other).hidden)
+      this.toggle(other, otherBy);
   }
 
   showChoices() {
     for (const name of kChoices) this.byId(name).value = this.settings[name];
     this.showState(this.viewer.field.stateNumber(this.settings.state));
+    if (this.list.names) this.structures = this.structures;
   }
   // Shows a state of the field, by its number; from the last one, the next is the first.
   showState(number) {
@@ -413,6 +453,19 @@ export class SlfField extends HTMLElement {
     this.settings.state = field.states[state];
     this.byId('state').value = state;
     this.viewer.showState(state);
+  }
+  // Shows structures. While a picture of others is on its way, only the last looks wait for it.
+  async showLooks(looks) {
+    const {viewer} = this, waits = this.looks !== undefined;
+    this.settings.structures = textsOf(viewer.field.structures, looks);
+    this.looks = looks;
+    while (!waits && this.looks && !viewer.failed) {
+      if (!viewer.stale) {
+        viewer.showStructures(this.looks);
+        this.looks = undefined;
+      }
+      await sleep(5);
+    }
   }
   // Shows the states one after another, or stops that.
   async play() {
@@ -442,6 +495,14 @@ export class SlfField extends HTMLElement {
     if (Number(settings.level) > shape.levels) settings.level = 'auto';
     viewer.field.states.forEach((state, number) => byId('state').append(new Option(state, number)));
     byId('states').hidden = viewer.field.states.length < 2;
+    if (viewer.field.structures.length > 0) {
+      this.list.fill(viewer.field.structures, ownColors(m));
+      byId('structures').hidden = false;
+      const {offsetWidth, offsetHeight} = byId('structures');
+      if (this.offsetWidth <= kNarrow ||
+          offsetWidth * offsetHeight > kMaxList * this.offsetWidth * this.offsetHeight)
+        this.unroll();
+    }
     this.showChoices();
     byId('tones').hidden = !viewer.field.radiance;
     byId('marks').checked = p.kind === 'volume';

@@ -6,6 +6,8 @@ import {Native} from './module.js';
 export function serve(port) {
   let native;
   const copies = new Map();  // of samples that tiles are predicted from, by page
+  const samples = () =>
+    native.bytes(native.calls.slf_samples(), native.calls.slf_sample_bytes()).slice();
   const actions = {
     open({module, manifest, tables}) {
       native = new Native(module);
@@ -24,7 +26,16 @@ export function serve(port) {
       }
       native.fill(payload);
       native.check(native.calls.slf_decode(level, entry, exit));
-      return native.bytes(native.calls.slf_samples(), native.calls.slf_sample_bytes()).slice();
+      return samples();
+    },
+    compose({layers, linear}) {
+      for (const {samples: own, opacity, tint} of layers) {
+        native.fill(own);
+        const color = [1, 3, 5].map((i) => parseInt(tint.slice(i, i + 2), 16) / 255);
+        native.calls.slf_add_layer(opacity, ...color, linear);
+      }
+      native.calls.slf_compose();
+      return samples();
     },
   };
   port.onmessage = ({data}) => {
