@@ -23,7 +23,7 @@ void note(const SceneDescription& d, const std::string& text, const char* choice
 
 void note_all(const SceneDescription& d, const std::string& source,
               const std::vector<std::string>& notes) {
-  for (const std::string& text : notes) note(d, source + ": " + text);
+  for (const std::string& text : notes) note(d, std::string(source).append(": ").append(text));
 }
 
 /// Adds the files that the description names to those that were `read`, and checks them.

@@ -91,13 +91,17 @@ TransferTable make_label_table(const TransferFunction& transfer, const Volume& v
 
 void integrate(TransferTable& table) {
   table.integrals.resize(table.extinctions.size());
+  table.color_path.resize(table.colors.size());
   for (std::size_t row = 0; row < table.extinctions.size(); row += table.entries) {
-    double before = 0;
+    double before = 0, path = 0;
     for (std::size_t k = row; k < row + table.entries; ++k) {
       const std::size_t next = std::min(k + 1, row + table.entries - 1);
       const double mean = (double{table.extinctions[k]} + table.extinctions[next]) / 2;
       table.integrals[k] = {static_cast<float>(before), static_cast<float>(mean)};
       before += mean;
+      table.color_path[k] = static_cast<float>(path);
+      const glm::vec4 step = glm::abs(table.colors[next] - table.colors[k]);
+      path += step.r + step.g + step.b;
     }
   }
 }

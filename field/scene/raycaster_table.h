@@ -40,6 +40,7 @@ struct TransferTable {
   std::vector<glm::vec4> albedos;
   std::vector<float> extinctions;   ///< at each of `colors`, at most kMaxExtinction
   std::vector<Integral> integrals;  ///< one for each of `colors`; see integrate()
+  std::vector<float> color_path;    ///< how much colours change up to each, in their channels' sum
   double unit_distance = 1;         ///< the length that the transfer function's opacities are for
 
   /// The surface of matter of opacity 1 is this dense: it absorbs all light within half a voxel.
@@ -75,7 +76,7 @@ struct TransferTable {
 [[nodiscard]] TransferTable make_label_table(const TransferFunction& transfer, const Volume& volume,
                                              const std::vector<double>& labels);
 
-/// Computes the integrals from the extinctions.
+/// Computes the integrals from the extinctions, and the path of colours.
 void integrate(TransferTable& table);
 
 }  // namespace slf

@@ -137,7 +137,7 @@ Result<void> add_parts(const VolumeParts& parts, const Volume& volume, RayGrid& 
       return row_of.emplace(id, row).first->second;
     };
     bool fits = true;
-    const auto ok = visit_voxels(*labels, [&](auto ids) {
+    auto ok = visit_voxels(*labels, [&](auto ids) {
       return visit_nearest("a label volume", *labels, volume, [&](auto voxel, auto found) {
         const auto row = row_of_id(
             found ? labels->slope * static_cast<double>(ids[*found]) + labels->intercept : 0.0);
