@@ -181,13 +181,13 @@ export class HttpSource {
     const trip = this.roundTrips + 1;
     for (let attempt = 0;; ++attempt) {
       const stop = new AbortController();
-      let wrong, timer;
+      let wrong, refusal, timer;
       const awaited = (promise) => {
         clearTimeout(timer);
         timer = setTimeout(() => stop.abort(), kSilent);
         return promise;
       };
-      const refuse = (text) => { throw new Error(wrong = text); };
+      const refuse = (text) => { throw refusal = new Error(text); };
       try {
         ++this.requests;
         // A browser's cache would split a range around the parts of it that it has.
@@ -217,7 +217,7 @@ export class HttpSource {
         wrong = status === 404 ? 'The field is not there (404).' : `The host answered ${status}.`;
         if (status < 500 && status !== 429) refuse(wrong);
       } catch (error) {
-        if (error.message === wrong) throw error;
+        if (error === refusal) throw error;
         wrong = this.silence();
       } finally {
         clearTimeout(timer);
