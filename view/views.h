@@ -1,11 +1,13 @@
 // Views: saved views and notes that the page shows with a field, from a file such as
 //
 //   {"views": [{"title": "From the left", "text": "See https://example.org", "orbit": [90, 0, 3],
-//               "target": [0, 16, 8]}],
+//               "target": [0, 16, 8], "structures": ["stem:0.3"]}],
 //    "notes": [{"label": "Frontal lobe", "text": "…", "point": [1.5, -60, 20]}]}
 #pragma once
 
+#include <optional>
 #include <string>
+#include <vector>
 
 #include "slf/error.h"
 #include "slf/shape.h"
@@ -22,8 +24,10 @@ struct ViewsFile {
 
 /// Views that were checked.
 struct Views {
-  std::string json;   ///< without '<'; empty if there are none
-  std::string first;  ///< the first view's camera, as the page's address has it; may be empty
+  std::string json{};   ///< without '<'; empty if there are none
+  std::string first{};  ///< the first view's camera, as the page's address has it; may be empty
+  std::optional<std::vector<std::string>> structures{};  ///< that the first view shows
+  std::string attributes{};  ///< of the page's element for the first view, each after a space
 };
 
 /// Checks a file of views and notes (schemas/views.json) for a field with this sphere. bad_file: it
