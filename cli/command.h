@@ -344,7 +344,7 @@ Result<T> hinted(Result<T> result) {
 
 struct MadeState {
   std::string name;
-  std::unique_ptr<Scene> scene;
+  std::shared_ptr<const Scene> scene;
 };
 /// A state for each structure of a label volume, which shows it alone, under one light of all.
 [[nodiscard]] Result<std::vector<MadeState>> make_label_states(const SourceArguments& common);
