@@ -122,13 +122,18 @@ Result<std::vector<MadeState>> make_label_states(const SourceArguments& common) 
   return made;
 }
 
-Result<std::vector<MadeState>> make_states(const std::string& file, const SourceArguments& common) {
+Result<std::vector<MadeState>> make_states(const std::string& file, const SourceArguments& common,
+                                           const std::string& last) {
   std::vector<MadeState> made;
   const auto states = SLF_TRY(read_states(file));
+  std::string lit_by;  // what gives `last` its light
+  for (const nlohmann::json& state : states)
+    if (text_of(state, "name", "") == last) lit_by = text_of(state, kLightFrom, "");
   for (nlohmann::json state : states) {
     const std::string name = text_of(state, "name", "");
     const bool all = state.value("time", nlohmann::json()) == "all";
-    for (unsigned time = 0;; ++time) {
+    const bool needed = last.empty() || made.empty() || all || name == last || name == lit_by;
+    for (unsigned time = 0; needed; ++time) {
       if (all) state["time"] = time;
       const auto own = arguments_of(state, common);
       auto scene = own ? make_scene(*own) : tl::unexpected(own.error());
@@ -140,9 +145,11 @@ Result<std::vector<MadeState>> make_states(const std::string& file, const Source
       const auto ok = scene ? share_light(state, made, **scene) : tl::unexpected(scene.error());
       if (!ok) return fail(ok.error().code, file, ": state '", name, "': ", ok.error().message);
       made.push_back({all ? fmt::format("{} {}", name, time) : name, std::move(*scene)});
+      if (made.back().name == last) return made;
       if (!all) break;
     }
   }
+  if (!last.empty()) return fail(ErrorCode::usage, file, ": has no state '", last, "'");
   return made;
 }
 

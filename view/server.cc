@@ -285,12 +285,12 @@ Result<Server> Server::make(std::span<const std::string> fields, const ServerOpt
   if (fields.size() > 1 && !options.views.text.empty())
     return fail(ErrorCode::usage, "views are of one field, but ", fields.size(), " are given");
   const auto field = SLF_TRY(Field::open(fields[0]));
-  const Views views = SLF_TRY(parse_views(options.views, field.shape().sphere));
+  auto views = SLF_TRY(parse_views(options.views, field.shape().sphere));
+  views.state = options.state;
   state->views = views.json;
-  state->index =
-      page_with("src=\"field.slf\"" + (views.first.empty() ? "" : " view=\"" + views.first + "\"") +
-                    (views.json.empty() ? "" : " views=\"views.json\""),
-                "");
+  state->index = page_with(
+      "src=\"field.slf\"" + first_view(views) + (views.json.empty() ? "" : " views=\"views.json\""),
+      "");
   std::size_t hash = std::hash<std::string>()(state->index + state->views);
   for (const PageFile& file : page_files())
     hash = hash * 31 + std::hash<std::string_view>()(file.bytes);

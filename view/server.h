@@ -29,6 +29,7 @@ struct ServerOptions {
   /// beside those of this machine: notebooks at localhost, 127.0.0.1 and [::1].
   std::vector<std::string> frames{};
   ViewsFile views{};  ///< that the page of the only field shows; may be none
+  std::string state{};  ///< Views::state of the only field
 };
 
 /// Answers GET and HEAD, with ranges, entity tags and conditional requests. Requests are untrusted.

@@ -64,7 +64,8 @@ struct Posters {
 };
 
 Result<Posters> make_posters(const std::string& path, const Views& views) {
-  const auto field = SLF_TRY(Field::open(path));
+  auto field = SLF_TRY(Field::open(path));
+  if (!views.state.empty()) field = SLF_TRY(field.in_state(views.state));
   const Sphere& sphere = field.shape().sphere;
   std::array<double, 6> view{30, 20, 3, 0, 0, 0};  // as in camera.js
   std::istringstream numbers(views.first);
@@ -127,11 +128,6 @@ std::string page_html(const Posters& posters, std::string html, std::string_view
   return html;
 }
 
-/// The element's attribute for the first of the views, with a space before it.
-std::string view_attribute(const Views& views) {
-  return views.first.empty() ? "" : " view=\"" + views.first + "\"";
-}
-
 /// Checks that the file is a field, and returns its size.
 Result<std::uint64_t> field_size(const std::string& path) {
   const auto field = SLF_TRY(Field::open(path));
@@ -168,7 +164,7 @@ Result<void> export_page(const std::string& field, const std::string& input,
   };
   const std::string page = page_html(
       posters,
-      page_with(view_attribute(views),
+      page_with(first_view(views),
                 poster_element(posters, inlined(posters.dark), inlined(posters.light))),
       poster_head(posters, "") + "<style>\n" + std::string(file_named(kStyleFile)) + "</style>",
       scripts);
@@ -196,7 +192,7 @@ Result<void> export_site(const std::string& field, const std::string& input,
       "<link rel=\"preload\" href=\"" + std::string(kModuleFile) + "\" as=\"fetch\" crossorigin>\n";
   const auto posters = SLF_TRY(make_posters(field, views));
   const std::string element =
-      page_with("src=\"field.slf\"" + view_attribute(views) +
+      page_with("src=\"field.slf\"" + first_view(views) +
                     (views.json.empty() ? "" : " views=\"" + std::string(kViewsFile) + "\""),
                 poster_element(posters, std::string(kDarkPoster), std::string(kLightPoster)));
   const std::string script = "<script src=\"" + std::string(kScriptFile) + "\"></script>\n";
@@ -223,6 +219,14 @@ std::string escape_html(std::string_view text) {
   for (const char c : text)
     html += c == '&' ? "&amp;" : c == '<' ? "&lt;" : c == '"' ? "&quot;" : std::string(1, c);
   return html;
+}
+
+std::string first_view(const Views& views) {
+  std::string attributes;
+  for (const auto& [name, value] :
+       {std::pair{"view", views.first}, {"state", escape_html(views.state)}})
+    if (!value.empty()) attributes += std::string(" ") + name + "=\"" + value + "\"";
+  return attributes;
 }
 
 std::string page_with(std::string_view attributes, std::string_view content) {

@@ -24,6 +24,7 @@ struct ViewsFile {
 struct Views {
   std::string json;   ///< without '<'; empty if there are none
   std::string first;  ///< the first view's camera, as the page's address has it; may be empty
+  std::string state{};  ///< the state of the object that the page shows first; empty: state 0
 };
 
 /// Checks a file of views and notes (schemas/views.json) for a field with this sphere. bad_file: it

@@ -108,6 +108,7 @@ export class SlfField extends HTMLElement {
     this.explain = new Explain(viewer, this.byId, this.say.bind(this), this.hint.bind(this),
                                this.whole);
     viewer.camera.fromText(this.getAttribute('view'));
+    this.settings.state = this.getAttribute('state');
     if (this.whole) this.readFragment();
     const {offsetWidth, offsetHeight} = this.byId('panel');
     if (offsetWidth * offsetHeight > kMaxPanel * this.offsetWidth * this.offsetHeight) this.fold();
