@@ -185,7 +185,7 @@ NewFile::~NewFile() {
   if (fd_ >= 0) ::close(fd_);
 }
 
-Result<NewFile> NewFile::create(const std::string& target) {
+Result<NewFile> NewFile::create(const std::string& target, const std::string& name) {
   NewFile file(target, -1, {});
   file.fd_ = open_unnamed(folder_of(target), 0666);
   int cause = file.fd_ < 0 ? errno : 0;
@@ -195,16 +195,16 @@ Result<NewFile> NewFile::create(const std::string& target) {
     cause = EOPNOTSUPP;
   }
   if (cause != 0 && names_are_needed(cause)) {
-    std::string name = unused_name(target);
-    file.fd_ = ::open(name.c_str(), O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
+    std::string temporary = unused_name(target);
+    file.fd_ = ::open(temporary.c_str(), O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
     cause = file.fd_ < 0 ? errno : 0;
     if (cause == 0) {
-      file.name_ = std::move(name);
+      file.name_ = std::move(temporary);
       // What replaces a private file is private.
       copy_permissions(target, file.name_, /*writable=*/true);
     }
   }
-  if (cause != 0) return io_error(target, "cannot write", cause);
+  if (cause != 0) return io_error(name, "cannot write", cause);
   return file;
 }
 

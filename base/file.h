@@ -65,8 +65,12 @@ void copy_permissions(const std::string& from, const std::string& to, bool writa
 /// such files, it has the name that unused_name() gave it. Move-only.
 class NewFile {
  public:
-  /// Creates it in the folder of `target`, whose name it is to get. io, not_found: names `target`.
-  [[nodiscard]] static Result<NewFile> create(const std::string& target);
+  /// Creates it in the folder of `target`, whose name it is to get. io, not_found: the message
+  /// begins with `name`.
+  [[nodiscard]] static Result<NewFile> create(const std::string& target, const std::string& name);
+  [[nodiscard]] static Result<NewFile> create(const std::string& target) {
+    return create(target, target);
+  }
 
   NewFile(NewFile&& other) noexcept;
   NewFile& operator=(NewFile&&) = delete;

@@ -9,6 +9,7 @@ in --folder and used again. Run it on a quiet machine.
 
   start    slf --version, and a picture of 64²
   build    build, repack, verify: processor time, largest resident memory, bytes
+  light    a picture of 1024², and a build with --levels 1, under global light
   decode   decode_speed: tiles of the finest level, on one thread
   first    view_times: opening a field that is on disk, and its first view of 512²
   memory   user time and resident memory of a view of 512² on one thread, by --memory
@@ -27,6 +28,7 @@ import subprocess
 import sys
 
 CELLS = ["--entry", "8", "--exit", "32", "--levels", "2"]
+LIT = ["--entry", "8", "--exit", "32", "--levels", "1"]
 CODECS = {"predictive": "predictive:90", "jpeg": "jpeg:90"}
 MEMORY = ["64MiB", "32MiB", "16MiB", "8MiB"]
 TURNS = [("64MiB", 24), ("128MiB", 24), ("256MiB", 8)]
@@ -108,6 +110,16 @@ def build(versions, args):
         row(f"field, {codec}", "MiB", *([v.field(codec).stat().st_size / 2**20] for v in versions))
 
 
+def light(versions, args):
+    for label, command in (("picture", ["raycast", "--size", 1024]), ("build", ["build", *LIT])):
+        def measure(v):
+            return v.cost(*command, args.volume, "--transfer", args.transfer, "--lighting", "global",
+                          "-f", "-o", v.folder / ("lit.slf" if command[0] == "build" else "v.png"))
+        a, b = in_turn(versions, min(args.rounds, 3), measure)
+        row(f"{label}, global light", "s", a[0], b[0])
+        row(f"{label}, global light", "MB", a[2], b[2])
+
+
 def decode(versions, args):
     for codec in CODECS:
         def measure(v):
@@ -161,7 +173,7 @@ def play(versions, args):
             row(f"play, {seconds} s a turn, {size}, {codec}", "late", a[1], b[1])
 
 
-PARTS = {p.__name__: p for p in (build, start, decode, first, memory, draw, play)}
+PARTS = {p.__name__: p for p in (build, light, start, decode, first, memory, draw, play)}
 
 
 def main():
@@ -178,7 +190,8 @@ def main():
     args = parser.parse_args()
     versions = [Version(args.before, args.folder / "before"),
                 Version(args.after, args.folder / "after")]
-    if "build" not in args.parts.split(","):
+    parts = set(args.parts.split(","))
+    if "build" not in parts and parts != {"light"}:
         source = [args.volume, "--transfer", args.transfer]
         for version in versions:
             for codec in CODECS:

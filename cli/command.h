@@ -204,7 +204,7 @@ class OptionGroup {
   }
   OptionGroup(const OptionGroup&) = delete;
   OptionGroup& operator=(const OptionGroup&) = delete;
-  ~OptionGroup() { defaults_.group(before_); }
+  ~OptionGroup() { defaults_.group(before_); }  // NOLINT(bugprone-exception-escape): out of memory
 
  private:
   CLI::OptionDefaults& defaults_;

@@ -128,9 +128,10 @@ Result<void> run_export(const ExportArguments& a) {
   const auto repacked = SLF_TRY(repack_if_requested(a, base + ".exporting"));
   const Field& exported = repacked ? *repacked : field;
   const auto shown = state_name(exported, a.state);
-  if (!shown) return repacked ? fail(ErrorCode::usage, "--state ", a.state, ": not one of --states")
-                              : tl::unexpected(shown.error());
-  views.state = *shown;
+  if (!shown)
+    return repacked ? fail(ErrorCode::usage, "--state ", a.state, ": not one of --states")
+                    : tl::unexpected(shown.error());
+  view::begin_with(*shown, exported, views);
   SLF_TRY(with_force(view::export_field(exported.path(), a.field, a.output, views, a.existing(),
                                         progress_bar("export", "bytes", OnSignal::stop))));
   const std::uint64_t bytes = exported.file_bytes();

@@ -1,15 +1,16 @@
 # slf_wasm_module(OUTPUT SOURCES...): a WebAssembly module of sources of this project, compiled by
 # clang without Emscripten. SLF_WASM is set if the tools are installed: on Debian 12 these are lld,
-# wasi-libc, libc++-14-dev-wasm32, libc++abi-14-dev-wasm32 and libclang-rt-14-dev-wasm32.
+# wasi-libc, libc++-14-dev-wasm32, libc++abi-14-dev-wasm32, libclang-rt-14-dev-wasm32 and esbuild.
 
 find_program(SLF_WASM_COMPILER NAMES clang++-14 clang++)
+find_program(SLF_ESBUILD esbuild)  # bundles the scripts that use the module
 set(wasm_flags --target=wasm32-wasi -O2 -std=c++20 -fno-exceptions -msimd128 -DNDEBUG
   -DXXH_INLINE_ALL -DJSON_HAS_FILESYSTEM=0 -DJSON_HAS_EXPERIMENTAL_FILESYSTEM=0
   -ffp-contract=off -Wall -Wextra -Wno-unused-command-line-argument)
 set(wasm_link_flags -mexec-model=reactor -Wl,--gc-sections,--strip-all)
 
 set(SLF_WASM OFF CACHE INTERNAL "Whether WebAssembly can be made")
-if(SLF_WASM_COMPILER)
+if(SLF_WASM_COMPILER AND SLF_ESBUILD)
   file(WRITE ${CMAKE_BINARY_DIR}/wasm/probe.cc
     "#include <sstream>\nextern \"C\" int probe() { std::ostringstream s; s << 1; return (int)s.str().size(); }\n")
   execute_process(
@@ -22,7 +23,7 @@ if(SLF_WASM_COMPILER)
 endif()
 if(NOT SLF_WASM)
   message(STATUS "slf view and slf export are built without their page: clang cannot make "
-    "WebAssembly here. scripts/install-packages installs what it needs.")
+    "WebAssembly here, or esbuild is missing. scripts/install-packages installs what it needs.")
 endif()
 
 function(slf_wasm_module output)

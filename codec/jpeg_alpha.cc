@@ -61,7 +61,10 @@ Result<Candidate> as_jpeg(const TileShape& tile, const Mosaic& mosaic, const Jpe
   return result;
 }
 
-std::uint64_t squared(int a, int b) { return static_cast<std::uint64_t>((a - b) * (a - b)); }
+std::uint64_t squared(int a, int b) {
+  const std::int64_t difference = a - b;
+  return static_cast<std::uint64_t>(difference * difference);
+}
 
 }  // namespace
 

@@ -20,8 +20,9 @@ SymbolModel::SymbolModel(std::span<const std::uint8_t> weights) {
   std::uint32_t total = 0;
   std::size_t most = 0;
   for (std::size_t k = 0; k < weights.size(); ++k) {
-    frequencies[k] = std::max(
-        1u, static_cast<std::uint32_t>(std::uint64_t{weight_of(weights[k])} * kTotal / sum));
+    const std::uint64_t share = std::uint64_t{weight_of(weights[k])} * kTotal;
+    // NOLINTNEXTLINE(clang-analyzer-core.DivideZero): the sum of weights of 1 or more
+    frequencies[k] = std::max(1u, static_cast<std::uint32_t>(share / sum));
     total += frequencies[k];
     if (weights[k] > weights[most]) most = k;
   }

@@ -21,7 +21,7 @@ Result<std::shared_ptr<const FieldFile>> FieldFile::whole(const std::string& pat
 
 Result<std::shared_ptr<const FieldFile>> FieldFile::open(const storage::TileStore& opened,
                                                          unsigned state) {
-  const std::string path = opened.path();
+  const std::string& path = opened.path();
   const auto text = SLF_TRY(opened.blob(kManifestBlob));
   auto manifest =
       SLF_TRY(Manifest::parse({reinterpret_cast<const char*>(text.data()), text.size()}, path));

@@ -176,21 +176,23 @@ TileWriter& TileWriter::operator=(TileWriter&&) noexcept = default;
 TileWriter::~TileWriter() = default;
 
 Result<TileWriter> TileWriter::create(const std::string& path,
-                                      std::span<const std::pair<std::string, Bytes>> blobs) {
+                                      std::span<const std::pair<std::string, Bytes>> blobs,
+                                      std::string name) {
+  if (name.empty()) name = path;
   SealedBlobs sealed;
-  for (const auto& [name, bytes] : blobs) {
-    SLF_TRY(check_blob_name(name));
-    sealed[name] = internal::seal_blob(name, bytes);
+  for (const auto& [blob, bytes] : blobs) {
+    SLF_TRY(check_blob_name(blob));
+    sealed[blob] = internal::seal_blob(blob, bytes);
   }
-  auto file = SLF_TRY(NewFile::create(path));  // a crash leaves no partial container
+  auto file = SLF_TRY(NewFile::create(path, name));  // a crash leaves no partial container
   auto state = std::make_unique<State>();
   state->path = path;
   state->file = LockedFile(fcntl(file.descriptor(), F_DUPFD_CLOEXEC, 0));
-  SLF_TRY(state->file.lock_writer(path));
+  SLF_TRY(state->file.lock_writer(name));
   bool published = false;
   const auto finish = [&]() -> Result<void> {
     {
-      auto environment = SLF_TRY(Environment::open(path, file.descriptor()));
+      auto environment = SLF_TRY(Environment::open(name, file.descriptor()));
       SLF_TRY(write_new(environment, sealed));
     }
     SLF_TRY(file.publish(Existing::keep));

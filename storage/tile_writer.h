@@ -22,9 +22,11 @@ namespace slf::storage {
 /// only. A writer makes no other file beside the container. Thread-safety: none; one thread.
 class TileWriter {
  public:
-  /// Creates the container `path` with its blobs, and commits. usage: the file exists.
+  /// Creates the container `path` with its blobs, and commits. usage: the file exists. Other errors
+  /// call it `name`, or `path` if that is empty.
   [[nodiscard]] static Result<TileWriter> create(
-      const std::string& path, std::span<const std::pair<std::string, Bytes>> blobs);
+      const std::string& path, std::span<const std::pair<std::string, Bytes>> blobs,
+      std::string name = {});
 
   /// Opens an existing container to append. Checks its structure first (bad_file).
   /// busy: another writer has it open. failed: a reader holds a snapshot older than the last

@@ -64,9 +64,8 @@ Result<Tree> Trees::named_tree(std::string_view name) const {
 
 Result<bool> Trees::has_blob(std::string_view name) const {
   Cursor cursor(pages_, manifest_);
-  const auto found = cursor.seek(bytes_of(name));
-  if (!found) return found;
-  return *found && compare_keys(cursor.key(), bytes_of(name)) == 0;
+  const bool found = SLF_TRY(cursor.seek(bytes_of(name)));
+  return found && compare_keys(cursor.key(), bytes_of(name)) == 0;
 }
 
 Result<ByteSpan> Trees::blob(std::string_view name) const {

@@ -40,7 +40,7 @@ std::span<const PageFile> page_files() {
 
 std::string no_page() {
   return "this slf was built without the page that shows fields, because clang could not make "
-         "WebAssembly; run scripts/install-packages and build again";
+         "WebAssembly or esbuild was missing; run scripts/install-packages and build again";
 }
 
 }  // namespace slf::view

@@ -8,13 +8,13 @@
 namespace slf::view {
 
 struct PageFile {
-  std::string_view name;  ///< "index.html", "main.js", …
+  std::string_view name;  ///< "index.html", "page.js", …
   std::string_view type;  ///< the media type
   std::string_view bytes;
 };
 
-/// All files of the page, index.html first, each script after those that it imports. The list is
-/// empty if slf was built without the page, for lack of tools for WebAssembly.
+/// All files of the page, index.html first. The list is empty if slf was built without the page,
+/// for lack of tools for WebAssembly or of esbuild.
 [[nodiscard]] std::span<const PageFile> page_files();
 
 /// The error message of a program without a page: the reason, and what to do.

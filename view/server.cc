@@ -29,7 +29,7 @@ namespace {
 /// Who may show the page in a frame comes last.
 constexpr const char* kPolicy =
     "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; style-src 'self'; img-src 'self' "
-    "blob: data:; connect-src 'self'; worker-src 'self'; base-uri 'none'; form-action 'none'";
+    "blob: data:; connect-src 'self'; worker-src blob:; base-uri 'none'; form-action 'none'";
 /// Notebooks on this machine; http stands for https, too.
 constexpr const char* kFrames = "; frame-ancestors 'self' http://localhost:* http://127.0.0.1:*";
 
@@ -286,11 +286,11 @@ Result<Server> Server::make(std::span<const std::string> fields, const ServerOpt
     return fail(ErrorCode::usage, "views are of one field, but ", fields.size(), " are given");
   const auto field = SLF_TRY(Field::open(fields[0]));
   auto views = SLF_TRY(parse_views(options.views, field.shape().sphere));
-  views.state = options.state;
+  begin_with(options.state, field, views);
   state->views = views.json;
-  state->index = page_with(
-      "src=\"field.slf\"" + first_view(views) + (views.json.empty() ? "" : " views=\"views.json\""),
-      "");
+  state->index = page_with("src=\"field.slf\" own" + views.attributes +
+                               (views.json.empty() ? "" : " views=\"views.json\""),
+                           "");
   std::size_t hash = std::hash<std::string>()(state->index + state->views);
   for (const PageFile& file : page_files())
     hash = hash * 31 + std::hash<std::string_view>()(file.bytes);

@@ -12,12 +12,13 @@
 #include "base/bytes.h"
 #include "base/reporter.h"
 #include "base/try.h"
+#include "field/structure_looks.h"
 #include "field/write/field_index.h"
 #include "slf/camera.h"
 #include "slf/field.h"
 #include "slf/image.h"
+#include "slf/inspect.h"
 #include "slf/render.h"
-#include "view/bundle.h"
 #include "view/page.h"
 
 namespace slf::view {
@@ -31,9 +32,10 @@ constexpr std::size_t kPieceBytes = std::size_t{3} << 20;
 
 /// Exported folders.
 constexpr std::string_view kIndexFile = "index.html", kStyleFile = "style.css",
-                           kScriptFile = "page.js", kModuleScriptFile = "module.bin.js",
-                           kFieldFile = "field.slf", kViewsFile = "views.json",
-                           kDarkPoster = "poster.jpg", kLightPoster = "poster-light.jpg";
+                           kScriptFile = "page.js", kModuleFile = "module.bin",
+                           kModuleScriptFile = "module.bin.js", kFieldFile = "field.slf",
+                           kViewsFile = "views.json", kDarkPoster = "poster.jpg",
+                           kLightPoster = "poster-light.jpg";
 
 constexpr std::uint32_t kPosterSize = 512;
 constexpr std::size_t kMaxPosterBytes = 40000;
@@ -53,6 +55,27 @@ std::string_view file_named(std::string_view name) {
   return {};
 }
 
+std::string base64(std::string_view bytes) {
+  constexpr std::string_view kDigits =
+      "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+  std::string text;
+  text.reserve((bytes.size() + 2) / 3 * 4);
+  for (std::size_t at = 0; at < bytes.size(); at += 3) {
+    const std::size_t count = std::min<std::size_t>(3, bytes.size() - at);
+    std::uint32_t word = 0;
+    for (std::size_t i = 0; i < 3; ++i)
+      word = word << 8 | (i < count ? static_cast<unsigned char>(bytes[at + i]) : 0u);
+    for (std::size_t i = 0; i < 4; ++i)
+      text += i <= count ? kDigits[word >> (18 - 6 * i) & 63] : '=';
+  }
+  return text;
+}
+
+/// The WebAssembly module as a script, for where scripts cannot load other files.
+std::string module_script() {
+  return "globalThis.slfModule = '" + base64(file_named(kModuleFile)) + "';\n";
+}
+
 void replace_first(std::string& text, std::string_view what, std::string_view by) {
   if (const std::size_t at = text.find(what); at != std::string::npos)
     text.replace(at, what.size(), by);
@@ -61,11 +84,18 @@ void replace_first(std::string& text, std::string_view what, std::string_view by
 /// What the page shows before any script runs: its first view, on dark and on light.
 struct Posters {
   std::string title, dark, light;  ///< JPEG files
+  std::string first;  ///< ranges in the file, "BEGIN-END …", of the tiles of level 0 of that view
 };
 
 Result<Posters> make_posters(const std::string& path, const Views& views) {
   auto field = SLF_TRY(Field::open(path));
   if (!views.state.empty()) field = SLF_TRY(field.in_state(views.state));
+  if (has_structures(field)) {
+    std::vector<StructureLook> unknown;
+    auto shown = SLF_TRY(
+        structures_of(field, views.structures.value_or(std::vector<std::string>{"*"}), unknown));
+    field = SLF_TRY(compose(field, std::move(shown)));
+  }
   const Sphere& sphere = field.shape().sphere;
   std::array<double, 6> view{30, 20, 3, 0, 0, 0};  // as in camera.js
   std::istringstream numbers(views.first);
@@ -86,6 +116,14 @@ Result<Posters> make_posters(const std::string& path, const Views& views) {
     for (const char* key : {"name", "source"})
       if (provenance.contains(key) && provenance[key].is_string())
         posters.title = fs::path(provenance[key].get<std::string>()).filename().string();
+  ViewStatistics coarse;
+  if (!renderer.render(camera, {mode, 0}, &coarse)) return posters;
+  SLF_TRY(list_tiles(field, {.last_level = 0}, [&](const ListedTile& tile) {
+    if (tile.payload_bytes > 0 && std::ranges::binary_search(coarse.tiles, tile.key))
+      posters.first += std::to_string(tile.offset_bytes) + "-" +
+                       std::to_string(tile.offset_bytes + tile.payload_bytes) + " ";
+    return Result<void>();
+  }));
   auto image = renderer.render(camera, {mode, matching_level(field.shape(), camera, mode)});
   if (!image) return posters;  // a damaged field is shown as far as it can be read
   SLF_TRY(map_tones(field, std::nullopt, /*display=*/true, *image));
@@ -116,16 +154,11 @@ std::string poster_element(const Posters& posters, const std::string& dark,
          "\"></picture>\n";
 }
 
-/// The page with other elements in its head, in place of those that refer to files, and with other
-/// scripts.
-std::string page_html(const Posters& posters, std::string html, std::string_view head,
-                      std::string_view scripts) {
+/// The page with its own title, and with more in its head, before the elements that refer to files.
+std::string page_html(const Posters& posters, std::string html, const std::string& head) {
   if (!posters.title.empty())
     replace_first(html, "<title>Sphere light field", "<title>" + escape_html(posters.title));
-  const std::size_t links = html.find("<link rel=\"stylesheet\"");
-  html.replace(links, html.find("</head>") - links, head);
-  replace_first(html, "<script type=\"module\" src=\"main.js\"></script>\n", scripts);
-  return html;
+  return html.insert(html.find("<link rel=\"stylesheet\""), head);
 }
 
 /// Checks that the file is a field, and returns its size.
@@ -154,20 +187,18 @@ Result<void> export_page(const std::string& field, const std::string& input,
     scripts += "<script type=\"text/plain\" class=\"piece\">" + base64(piece) + "</script>\n";
     SLF_TRY(reporter.add(piece.size()));
   }
-  scripts +=
-      "<script>\n" +
-      page_script("module: " + module_string() + ",\npieceBytes: " + std::to_string(kPieceBytes) +
-                  ", size: " + std::to_string(content.size()) + ",\n") +
-      "</script>\n";
+  scripts += "<script>\n" + module_script() + std::string(file_named(kScriptFile)) + "</script>\n";
   const auto inlined = [](std::string_view file) {
     return "data:image/jpeg;base64," + base64(file);
   };
-  const std::string page = page_html(
+  std::string page = page_html(
       posters,
-      page_with(first_view(views),
+      page_with(views.attributes,
                 poster_element(posters, inlined(posters.dark), inlined(posters.light))),
-      poster_head(posters, "") + "<style>\n" + std::string(file_named(kStyleFile)) + "</style>",
-      scripts);
+      poster_head(posters, "") + "<style>\n" + std::string(file_named(kStyleFile)) + "</style>\n");
+  const std::size_t links = page.find("<link rel=\"stylesheet\"");
+  page.erase(links, page.find("</head>") - links);
+  replace_first(page, "</body>", scripts + "</body>");
   return write_file(output, bytes_of(page));
 }
 
@@ -187,26 +218,20 @@ Result<void> export_site(const std::string& field, const std::string& input,
     copy.emplace(std::move(copied));
     SLF_TRY(index_field(copy->path(), [&] { return !progress || progress({size, size, 0}); }));
   }
-  const std::string style = "<link rel=\"stylesheet\" href=\"" + std::string(kStyleFile) + "\">\n";
-  const std::string module =
-      "<link rel=\"preload\" href=\"" + std::string(kModuleFile) + "\" as=\"fetch\" crossorigin>\n";
   const auto posters = SLF_TRY(make_posters(field, views));
   const std::string element =
-      page_with("src=\"field.slf\"" + first_view(views) +
+      page_with("src=\"field.slf\" first=\"" + posters.first + "\"" + views.attributes +
                     (views.json.empty() ? "" : " views=\"" + std::string(kViewsFile) + "\""),
                 poster_element(posters, std::string(kDarkPoster), std::string(kLightPoster)));
-  const std::string script = "<script src=\"" + std::string(kScriptFile) + "\"></script>\n";
   for (const auto& [name, text] : std::initializer_list<std::pair<std::string_view, std::string>>{
            {kIndexFile, page_html(posters, element,
-                                  poster_head(posters, kDarkPoster) + std::string(kSlashScript) +
-                                      style + module,
-                                  script)},
+                                  poster_head(posters, kDarkPoster) + std::string(kSlashScript))},
            {kDarkPoster, posters.dark},
            {kLightPoster, posters.light},
            {kStyleFile, std::string(file_named(kStyleFile))},
-           {kScriptFile, page_script("")},
+           {kScriptFile, std::string(file_named(kScriptFile))},
            {kModuleFile, std::string(file_named(kModuleFile))},
-           {kModuleScriptFile, "slfInside.module = " + module_string() + ";\n"},
+           {kModuleScriptFile, module_script()},
            {kViewsFile, views.json}})
     if (!text.empty()) SLF_TRY(write_file((fs::path(folder) / name).string(), bytes_of(text)));
   return copy ? copy->publish(Existing::replace) : Result<void>();
@@ -221,17 +246,9 @@ std::string escape_html(std::string_view text) {
   return html;
 }
 
-std::string first_view(const Views& views) {
-  std::string attributes;
-  for (const auto& [name, value] :
-       {std::pair{"view", views.first}, {"state", escape_html(views.state)}})
-    if (!value.empty()) attributes += std::string(" ") + name + "=\"" + value + "\"";
-  return attributes;
-}
-
 std::string page_with(std::string_view attributes, std::string_view content) {
   std::string html(file_named(kIndexFile));
-  replace_first(html, "<slf-field src=\"field.slf\" address>\n",
+  replace_first(html, "<slf-field src=\"field.slf\" own address>\n",
                 "<slf-field " + std::string(attributes) + " address>\n" + std::string(content));
   return html;
 }

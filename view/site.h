@@ -25,9 +25,6 @@ inline constexpr std::uint64_t kMaxEmbeddedBytes = std::uint64_t{1} << 30;
 /// Text as HTML has it in a quoted attribute.
 [[nodiscard]] std::string escape_html(std::string_view text);
 
-/// The attributes of the page's element for what it shows first, each with a space before it.
-[[nodiscard]] std::string first_view(const Views& views);
-
 /// The page's index.html. Its element has these attributes, in place of its own, and content before
 /// its own.
 [[nodiscard]] std::string page_with(std::string_view attributes, std::string_view content);

@@ -9,6 +9,8 @@
 
 #include "base/file.h"
 #include "base/try.h"
+#include "field/structure_looks.h"
+#include "view/site.h"
 
 namespace slf::view {
 namespace {
@@ -19,7 +21,7 @@ constexpr std::uint64_t kMaxBytes = 1 << 20;
 constexpr std::size_t kMaxEntries = 500;
 constexpr double kMaxNumber = 1e12;
 
-enum class Kind { title, text, orbit, point };
+enum class Kind { title, text, orbit, point, titles };
 struct Member {
   std::string_view name;
   Kind kind;
@@ -28,7 +30,8 @@ struct Member {
 constexpr Member kView[] = {{"title", Kind::title, true},
                             {"text", Kind::text, false},
                             {"orbit", Kind::orbit, true},
-                            {"target", Kind::point, false}};
+                            {"target", Kind::point, false},
+                            {"structures", Kind::titles, false}};
 constexpr Member kNote[] = {
     {"label", Kind::title, true}, {"text", Kind::text, false}, {"point", Kind::point, true}};
 
@@ -51,6 +54,12 @@ std::string_view expected(const json& value, Kind kind) {
              "from -90 to 90, and radii of the sphere, above 1";
     case Kind::point:
       return three ? "" : "three numbers [x, y, z] in world units";
+    case Kind::titles:
+      if (value.is_array() && std::all_of(value.begin(), value.end(), [](const json& one) {
+            return expected(one, Kind::title).empty();
+          }))
+        return "";
+      return "a list of texts, as slf render --structure takes them";
   }
   return "";
 }
@@ -74,6 +83,13 @@ Result<void> check_entry(const json& entry, std::span<const Member> members,
     if (!wrong.empty()) return fail(ErrorCode::bad_file, place, ".", key, ": expected ", wrong);
   }
   return {};
+}
+
+/// A text with %XX in place of what separates texts in a list, or begins an escape.
+std::string escaped(const std::string& text) {
+  std::string result;
+  for (const char c : text) result += c == ',' ? "%2C" : c == '%' ? "%25" : std::string(1, c);
+  return result;
 }
 
 }  // namespace
@@ -109,7 +125,7 @@ Result<Views> parse_views(const ViewsFile& file, const Sphere& sphere) {
       SLF_TRY(check_entry(list[i], name == "views" ? std::span<const Member>(kView) : kNote,
                           path + ": " + name + "[" + std::to_string(i) + "]"));
   }
-  Views views{root.dump(-1, ' ', /*ensure_ascii=*/true), ""};
+  Views views{.json = root.dump(-1, ' ', /*ensure_ascii=*/true)};
   for (std::size_t at = 0; (at = views.json.find('<', at)) != std::string::npos;)
     views.json.replace(at, 1, "\\u003c");
   if (const json list = root.value("views", json::array()); !list.empty()) {
@@ -117,8 +133,28 @@ Result<Views> parse_views(const ViewsFile& file, const Sphere& sphere) {
     for (int k = 0; k < 3 && list[0].contains("target"); ++k)
       camera.push_back((list[0]["target"][k].get<double>() - sphere.center[k]) / sphere.radius);
     for (const double v : camera) views.first += (views.first.empty() ? "" : ",") + json(v).dump();
+    views.attributes = " view=\"" + views.first + "\"";
+    if (list[0].contains("structures")) {
+      views.structures = list[0]["structures"].get<std::vector<std::string>>();
+      std::string shown;
+      for (const std::string& text : *views.structures)
+        shown += (shown.empty() ? "" : ",") + escaped(text);
+      views.attributes += " structures=\"" + escape_html(shown) + "\"";
+    }
   }
   return views;
+}
+
+void begin_with(const std::string& state, const Field& field, Views& views) {
+  if (state.empty()) return;
+  const bool structure = has_structures(field);
+  if (structure)
+    views.structures = {state};
+  else
+    views.state = state;
+  views.attributes = (structure ? " structures=\"" + escape_html(escaped(state))
+                                : " state=\"" + escape_html(state)) +
+                     "\"" + views.attributes;
 }
 
 }  // namespace slf::view

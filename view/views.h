@@ -1,13 +1,16 @@
 // Views: saved views and notes that the page shows with a field, from a file such as
 //
 //   {"views": [{"title": "From the left", "text": "See https://example.org", "orbit": [90, 0, 3],
-//               "target": [0, 16, 8]}],
+//               "target": [0, 16, 8], "structures": ["stem:0.3"]}],
 //    "notes": [{"label": "Frontal lobe", "text": "…", "point": [1.5, -60, 20]}]}
 #pragma once
 
+#include <optional>
 #include <string>
+#include <vector>
 
 #include "slf/error.h"
+#include "slf/field.h"
 #include "slf/shape.h"
 
 namespace slf::view {
@@ -22,14 +25,19 @@ struct ViewsFile {
 
 /// Views that were checked.
 struct Views {
-  std::string json;   ///< without '<'; empty if there are none
-  std::string first;  ///< the first view's camera, as the page's address has it; may be empty
-  std::string state{};  ///< the state of the object that the page shows first; empty: state 0
+  std::string json{};   ///< without '<'; empty if there are none
+  std::string first{};  ///< the first view's camera, as the page's address has it; may be empty
+  std::optional<std::vector<std::string>> structures{};  ///< that the first view shows
+  std::string state{};       ///< of the object, that is shown first; empty: state 0
+  std::string attributes{};  ///< of the page's element for the first view, each after a space
 };
 
 /// Checks a file of views and notes (schemas/views.json) for a field with this sphere. bad_file: it
 /// is something else; the message names the place, such as views[1].orbit, and what is expected
 /// there.
 [[nodiscard]] Result<Views> parse_views(const ViewsFile& file, const Sphere& sphere);
+
+/// Lets the page of a field begin with one of its states, or the structure of that name.
+void begin_with(const std::string& state, const Field& field, Views& views);
 
 }  // namespace slf::view

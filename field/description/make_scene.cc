@@ -23,7 +23,7 @@ void note(const SceneDescription& d, const std::string& text, const char* choice
 
 void note_all(const SceneDescription& d, const std::string& source,
               const std::vector<std::string>& notes) {
-  for (const std::string& text : notes) note(d, source + ": " + text);
+  for (const std::string& text : notes) note(d, std::string(source).append(": ").append(text));
 }
 
 /// Adds the files that the description names to those that were `read`, and checks them.
@@ -107,7 +107,7 @@ Result<std::unique_ptr<Scene>> mesh_scene(const SceneDescription& d) {
 
 /// Reads a label volume or a mask.
 Result<Volume> read_structure(const SceneDescription& d, const std::string& path) {
-  // Structures are placed by position, so a crop does not concern them. They mostly have a header
+  // Parts are placed by position, so a crop does not concern them. They mostly have a header
   // and one number a voxel, also where the volume does not.
   VolumeOptions options;
   options.labels = true;
@@ -134,8 +134,8 @@ Result<LabelTable> styles_of(const SceneDescription& d, const Volume& labels) {
   return d.styles.value_or(labels.label_styles);
 }
 
-Result<Structures> read_structures(const SceneDescription& d, const json& built) {
-  Structures parts;
+Result<VolumeParts> read_parts(const SceneDescription& d, const json& built) {
+  VolumeParts parts;
   const json recorded = built.value("structures", json::object());
   for (const auto& [member, choice, source, to] :
        {std::tuple{"labels", "labels_volume", &d.labels_volume, &parts.labels},
@@ -173,14 +173,14 @@ Result<std::unique_ptr<Scene>> volume_scene(const SceneDescription& d) {
       (!((*d.range)[0] < (*d.range)[1]) || !std::isfinite((*d.range)[1] - (*d.range)[0])))
     return fail_without("range", ErrorCode::usage, "range ", (*d.range)[0], ",", (*d.range)[1],
                         ": expected two ascending numbers");
-  options.structures = SLF_TRY(read_structures(d, built));
+  options.parts = SLF_TRY(read_parts(d, built));
   auto volume = SLF_TRY(d.volume ? Result<Volume>(*d.volume) : read_volume(d));
   note_all(d, volume.source, volume.notes);
   if (volume.labels) volume.label_styles = SLF_TRY(styles_of(d, volume));
-  if (!d.label_table.empty() && !volume.labels && !options.structures.labels)
+  if (!d.label_table.empty() && !volume.labels && !options.parts.labels)
     return fail_without("labels_volume", ErrorCode::usage, volume.source,
                         ": has no labels, which a table of labels needs");
-  for (const auto& part : {options.structures.labels, options.structures.mask}) {
+  for (const auto& part : {options.parts.labels, options.parts.mask}) {
     if (!part) continue;
     volume.files.insert(volume.files.end(), part->files.begin(), part->files.end());
     if (same_grid(*part, volume)) continue;

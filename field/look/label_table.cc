@@ -7,7 +7,7 @@
 #include "base/file.h"
 #include "base/try.h"
 #include "field/volume/io.h"
-#include "slf/structures.h"
+#include "slf/volume_parts.h"
 
 namespace slf {
 namespace {

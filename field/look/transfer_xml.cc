@@ -55,8 +55,8 @@ Result<TransferPreset> read_color_map(const pugi::xml_node& map, const std::stri
     return bad_file(place, R"(expected <Point x="..." r="..." g="..." b="..."/>)");
   TransferPreset preset;
   if (indexed) {
-    std::vector<glm::dvec3> colors;
-    for (const auto& point : points) colors.push_back(point.rgb);
+    std::vector<glm::dvec3> colors(points.size());
+    for (std::size_t k = 0; k < colors.size(); ++k) colors[k] = points[k].rgb;
     preset = indexed_preset(colors, annotations);
   } else {
     // Hues that wrap around are those of HSV here: it always goes the shorter way.

@@ -109,7 +109,7 @@ void SurfaceLight::choose_coarse_nodes() {
     const glm::i64vec3 cell(glm::floor(p.from / (kCoarse * spacing_)));
     const glm::dvec3 size = glm::abs(p.face);
     const int axis = size.x >= size.y && size.x >= size.z ? 0 : size.y >= size.z ? 1 : 2;
-    std::uint64_t key = static_cast<std::uint64_t>(2 * axis + (p.face[axis] < 0));
+    std::uint64_t key = 2 * static_cast<std::uint64_t>(axis) + (p.face[axis] < 0 ? 1 : 0);
     for (int c = 0; c < 3; ++c) key = key << 20 | (static_cast<std::uint64_t>(cell[c]) & 0xFFFFF);
     coarse_[k] = chosen.try_emplace(key, k).first->second;
   }
@@ -142,7 +142,7 @@ SurfaceLight::Node SurfaceLight::coarse(const SurfacePoint& point) const {
   const int n = resolution(triangle);
   if (n <= kCoarse) return {triangle, point.back, n / 3, n / 3, n};
   const auto nearest = [&](double share, int most) {
-    return std::min(static_cast<int>(share * n / kCoarse + 0.5) * kCoarse, most);
+    return std::min(static_cast<int>(std::lround(share * n / kCoarse)) * kCoarse, most);
   };
   const int j = nearest(point.at.y, n);
   return {triangle, point.back, nearest(point.at.x, n - j), j, n};

@@ -88,7 +88,8 @@ Result<DepthSheet> make_depth_sheet(PictureSet set, const PictureSceneOptions& o
   double object = 0, with_depth = 0, confirmations = 0;
   for (const SmallView& view : views)
     for (std::size_t p = 0; p < view.rgba.size(); ++p) {
-      const auto x = static_cast<double>(p % view.width), y = static_cast<double>(p / view.width);
+      const auto x = static_cast<double>(p % view.width);
+      const auto y = static_cast<double>(std::size_t{p / view.width});
       const Chord chord = intersect(found.sphere, view.eye, view.direction(x + 0.5, y + 0.5));
       if (view.rgba[p].a < 128 || !chord.hit || chord.leave <= 0) continue;
       ++object;

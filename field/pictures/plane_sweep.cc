@@ -126,8 +126,8 @@ class Sweep {
     std::vector<float> found(whole_.rgba.size(), 0);
     if (neighbors_.size() < 2 || !(nearest_ < farthest_)) return found;
     const std::vector<double> depths = planes();
-    std::vector<std::vector<float>> costs;  // of each plane
-    for (const double z : depths) costs.push_back(cost(z));
+    std::vector<std::vector<float>> costs(depths.size());
+    for (std::size_t k = 0; k < costs.size(); ++k) costs[k] = cost(depths[k]);
     for (std::size_t p = 0; p < pixels_; ++p) {
       std::size_t best = depths.size();
       for (std::size_t k = 0; k < depths.size(); ++k) {

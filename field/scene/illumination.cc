@@ -127,11 +127,10 @@ std::vector<glm::dvec3> PlacedLight::directions() const {
   // One per degree of the diameter: their shadows then are hardly told apart.
   const double degrees = 2 * glm::degrees(std::atan(tangent_));
   const int count = 1 + static_cast<int>(std::min(degrees, 31.0));
-  std::vector<glm::dvec3> directions;
+  std::vector<glm::dvec3> directions(static_cast<std::size_t>(count));
   for (int k = 0; k < count; ++k)
-    directions.push_back(
-        incident_light(center_, count > 1 ? (k + 0.5) / count : 0, k * std::numbers::phi)
-            .direction);
+    directions[static_cast<std::size_t>(k)] =
+        incident_light(center_, count > 1 ? (k + 0.5) / count : 0, k * std::numbers::phi).direction;
   return directions;
 }
 

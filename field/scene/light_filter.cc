@@ -17,13 +17,13 @@ float closeness(const glm::ivec3& offset) {
 /// they differ.
 template <class F>
 auto filtered(const LightGrid& light, const std::vector<std::uint32_t>& index,
-              const std::vector<NodeLight>& nodes, std::size_t number, const F& value) {
-  const NodeLight& center = nodes[index[number]];
+              const std::vector<const NodeLight*>& nodes, std::size_t number, const F& value) {
+  const NodeLight& center = *nodes[index[number]];
   decltype(value(0)) sum{};
   float total = 0;
   for_each_neighbour(light, number, [&](std::size_t other, glm::ivec3 offset) {
-    if (index[other] == kNoNode || !nodes[index[other]].lit) return;
-    const NodeLight& node = nodes[index[other]];
+    if (index[other] == kNoNode || !nodes[index[other]]->lit) return;
+    const NodeLight& node = *nodes[index[other]];
     const glm::vec3 turn = node.normal - center.normal;
     const float deeper = node.depth - center.depth;
     const float weight =
@@ -39,17 +39,18 @@ auto filtered(const LightGrid& light, const std::vector<std::uint32_t>& index,
 /// rings, so each takes from those above and below it. To the side it takes almost nothing, for
 /// folds to stay sharp. `axes` turns offsets in nodes into world directions.
 ArrivingLight as_seen(const LightGrid& light, const std::vector<std::uint32_t>& index,
-                      const std::vector<NodeLight>& nodes, const std::vector<ArrivingLight>& values,
-                      std::size_t number, const glm::mat3& axes) {
+                      const std::vector<const NodeLight*>& nodes,
+                      const std::vector<ArrivingLight>& values, std::size_t number,
+                      const glm::mat3& axes) {
   constexpr float kAround = 0.01f;
-  const NodeLight& center = nodes[index[number]];
+  const NodeLight& center = *nodes[index[number]];
   const auto unit = [](const glm::vec3& n) { return n / std::max(glm::length(n), 1e-6f); };
   const glm::vec3 normal = unit(center.normal);
   ArrivingLight sum;
   float total = 0;
   for_each_neighbour(light, number, [&](std::size_t other, glm::ivec3 offset) {
-    if (index[other] == kNoNode || !nodes[index[other]].lit) return;
-    const NodeLight& node = nodes[index[other]];
+    if (index[other] == kNoNode || !nodes[index[other]]->lit) return;
+    const NodeLight& node = *nodes[index[other]];
     float weight = closeness(offset);
     if (center.lit && other != number) {
       const glm::vec3 way = axes * glm::vec3(offset);
@@ -65,9 +66,9 @@ ArrivingLight as_seen(const LightGrid& light, const std::vector<std::uint32_t>& 
 
 /// What rays that show the matter of a node find, given what all nodes have.
 ArrivingLight found_at(const LightGrid& light, const std::vector<std::uint32_t>& index,
-                       const std::vector<NodeLight>& nodes,
+                       const std::vector<const NodeLight*>& nodes,
                        const std::vector<ArrivingLight>& values, std::size_t number) {
-  const std::uint8_t* weight = nodes[index[number]].look_ups.data();
+  const std::uint8_t* weight = nodes[index[number]]->look_ups.data();
   ArrivingLight sum;
   float total = 0;
   for_each_neighbour(light, number, [&](std::size_t other, glm::ivec3 offset) {
@@ -85,8 +86,8 @@ Result<void> filter_light(const Medium& medium, LightGrid& light,
                           const std::vector<std::uint32_t>& index,
                           const std::vector<std::size_t>& around,
                           const std::vector<std::size_t>& wanted,
-                          const std::vector<NodeLight>& nodes, std::size_t pass, unsigned threads,
-                          Reporter& progress) {
+                          const std::vector<const NodeLight*>& nodes, std::size_t pass,
+                          unsigned threads, Reporter& progress) {
   const glm::mat3 axes(glm::inverse(medium.grid().world_to_index) / medium.smallest_spacing());
   std::vector<ArrivingLight> values(nodes.size()), next(nodes.size());
   // Calls work(number, place in `nodes`).
@@ -103,11 +104,10 @@ Result<void> filter_light(const Medium& medium, LightGrid& light,
   };
   const auto for_lit = [&](const auto& work) {
     return for_nodes(around, [&](std::size_t number, std::uint32_t k) {
-      if (nodes[k].lit) work(number, k);
+      if (nodes[k]->lit) work(number, k);
     });
   };
-  for (const std::size_t number : around)
-    values[index[number]] = nodes[index[number]].indirect[pass];
+  for (std::size_t k = 0; k < nodes.size(); ++k) values[k] = nodes[k]->indirect[pass];
   for (int round = 0; round < 2; ++round) {
     SLF_TRY(for_lit([&](std::size_t number, std::uint32_t k) {
       next[k] =
@@ -118,7 +118,7 @@ Result<void> filter_light(const Medium& medium, LightGrid& light,
   // Shadows are filtered as a share of the light that would arrive without them.
   SLF_TRY(for_lit([&](std::size_t number, std::uint32_t k) {
     const auto mean = filtered(light, index, nodes, number, [&](std::size_t other) {
-      return glm::mat2x3(nodes[other].direct, nodes[other].unshadowed);
+      return glm::mat2x3(nodes[other]->direct, nodes[other]->unshadowed);
     });
     values[k].arrives = mean[0] / glm::max(mean[1], glm::vec3(1e-12f));
   }));

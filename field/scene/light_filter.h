@@ -39,14 +39,14 @@ inline constexpr std::uint32_t kNoNode = std::numeric_limits<std::uint32_t>::max
 inline constexpr int kFilterReach = 5;
 
 /// Filters the light that a pass solved, as light_volume.h says, and sets the light of the nodes
-/// `wanted`, numbers in the grid. `around` are those on which they depend. nodes[index[number]] is
-/// what was solved there; index is kNoNode at all other nodes. Errors as parallel_for(). cancelled:
-/// stopped by `progress`.
+/// `wanted`, numbers in the grid. They depend on `around`: nodes[k] is what was solved at node
+/// around[k], and index[around[k]] is k; index is kNoNode at all other nodes. Errors as
+/// parallel_for(). cancelled: stopped by `progress`.
 [[nodiscard]] Result<void> filter_light(const Medium& medium, LightGrid& light,
                                         const std::vector<std::uint32_t>& index,
                                         const std::vector<std::size_t>& around,
                                         const std::vector<std::size_t>& wanted,
-                                        const std::vector<NodeLight>& nodes, std::size_t pass,
-                                        unsigned threads, Reporter& progress);
+                                        const std::vector<const NodeLight*>& nodes,
+                                        std::size_t pass, unsigned threads, Reporter& progress);
 
 }  // namespace slf

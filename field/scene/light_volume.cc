@@ -530,9 +530,13 @@ Result<void> LightComputer::fill(LightGrid& light, const Pass& pass,
   if (wanted.empty()) return {};
   const auto around = spread(wanted, kFilterReach);
   SLF_TRY(solve(around, pass, progress));
-  for (const std::size_t number : around) near_[number] = index_[number];
-  const auto done = filter_light(medium_, light, near_, around, wanted, nodes_, pass.number(),
-                                 threads_, progress);
+  std::vector<const NodeLight*> nodes;
+  for (const std::size_t number : around) {
+    near_[number] = static_cast<std::uint32_t>(nodes.size());
+    nodes.push_back(&nodes_[index_[number]]);
+  }
+  const auto done =
+      filter_light(medium_, light, near_, around, wanted, nodes, pass.number(), threads_, progress);
   for (const std::size_t number : around) near_[number] = kNoNode;
   return done;
 }

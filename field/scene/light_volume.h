@@ -97,7 +97,7 @@ class LightComputer {
   std::optional<MissedNodes> missed_;  // of the estimate
   std::vector<float> depth_;
   std::vector<std::size_t> numbers_;
-  std::vector<std::uint32_t> index_, near_;  // of `nodes_`; the latter while they are filtered
+  std::vector<std::uint32_t> index_, near_;  // in `nodes_`; among those that are filtered
   std::vector<NodeLight> nodes_;
   std::vector<Pass> passes_;
 };

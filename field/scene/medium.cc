@@ -1,5 +1,7 @@
 #include "field/scene/medium.h"
 
+#include <hwy/base.h>
+
 #include <algorithm>
 #include <bit>
 #include <cmath>
@@ -200,6 +202,13 @@ std::size_t Medium::entry(const glm::dvec3& at) const {
 
 float Medium::extinction(const glm::dvec3& at) const { return extinctions_[entry(at)]; }
 
+void Medium::extinctions(const glm::dvec3& from, const glm::dvec3& step, int count,
+                         March& to) const {
+  if (!grid_.labels && grid_.rows.empty() && !grid_.table.logarithmic)
+    return march(grid_, extinctions_, from, step, to);
+  for (int k = 0; k < count; ++k) to[k] = extinction(from + double(k) * step);
+}
+
 Matter Medium::matter(const glm::dvec3& at) const {
   Matter matter;
   matter.at = matter.start = at;
@@ -224,6 +233,7 @@ Matter Medium::matter(const glm::dvec3& at) const {
   for (int axis = 0; axis < 3; ++axis) {
     const double low = at[axis], high = grid_.dims[axis] - 1 - at[axis];
     const double cut = 1 - std::clamp(std::min(low, high), 0.0, 1.0);
+    if (cut == 0) continue;
     const glm::dvec3 outwards = (low < high ? -1.0 : 1.0) * glm::dvec3(grid_.face_normals[axis]);
     normal = glm::mix(normal, outwards, cut);
   }
@@ -276,8 +286,8 @@ double Medium::below_clip(const glm::dvec3& at) const {
   return below;
 }
 
-Medium::Brick Medium::brick(const glm::dvec3& from, const glm::dvec3& direction,
-                            const glm::dvec3& inverse, double t) const {
+HWY_INLINE Medium::Brick Medium::brick(const glm::dvec3& from, const glm::dvec3& direction,
+                                       const glm::dvec3& inverse, double t) const {
   glm::ivec3 at;
   for (int axis = 0; axis < 3; ++axis)
     at[axis] = std::clamp(static_cast<int>(from[axis] + t * direction[axis]) >> kBrickShift, 0,
@@ -288,9 +298,9 @@ Medium::Brick Medium::brick(const glm::dvec3& from, const glm::dvec3& direction,
   const int reach = std::max(distance, 1);
   double end = std::numeric_limits<double>::max();
   for (int axis = 0; axis < 3; ++axis) {
-    const int edge = direction[axis] > 0 ? at[axis] + reach : at[axis] + 1 - reach;
-    const double leaves = (edge * kBrick - from[axis]) * inverse[axis];
-    if (direction[axis] != 0) end = std::min(end, leaves);
+    // Of a direction that is 0, not reached: infinity, or not a number, which min() ignores.
+    const int edge = inverse[axis] > 0 ? at[axis] + reach : at[axis] + 1 - reach;
+    end = std::min(end, (edge * kBrick - from[axis]) * inverse[axis]);
   }
   // Rounding may put the edge behind t: advance by a negligible distance.
   constexpr double kNudge = 1e-7;
@@ -333,11 +343,12 @@ double Medium::optical_depth(const glm::dvec3& from, const glm::dvec3& direction
       t += step * std::max(1.0, std::ceil((b.end - t) / step));
       continue;
     }
-    const double end = std::min(b.end, length);
-    while (t < end) {
-      depth += step * extinction(from + t * direction);
-      t += step;
-    }
+    // Matter is denser than bricks: samples may lie in empty ones.
+    March extinction;
+    const int count = static_cast<int>(std::ceil(std::min((length - t) / step, 8.0)));
+    extinctions(from + t * direction, step * direction, count, extinction);
+    for (int k = 0; k < count; ++k) depth += step * extinction[k];
+    t += count * step;
   }
   return depth;
 }

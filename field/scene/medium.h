@@ -12,7 +12,7 @@
 #include <vector>
 
 #include "base/mix.h"
-#include "field/scene/raycaster_kernel.h"
+#include "field/scene/medium_kernel.h"
 
 namespace slf {
 
@@ -105,6 +105,8 @@ class Medium {
                           double& end) const;
   [[nodiscard]] Brick brick(const glm::dvec3& from, const glm::dvec3& direction,
                             const glm::dvec3& inverse, double t) const;
+  /// The first `count` extinctions at from, from + step, …; all of `to` may change.
+  void extinctions(const glm::dvec3& from, const glm::dvec3& step, int count, March& to) const;
   [[nodiscard]] std::size_t entry(const glm::dvec3& at) const;
   void find_majorants();
 

@@ -110,8 +110,7 @@ std::string describe(const Volume& volume, const TransferFunction& transfer,
   for (const auto& [point, normal] : options.clip)
     out["clip"].push_back({point.x, point.y, point.z, normal.x, normal.y, normal.z});
   out.update(describe_shading(options.shade, options.light, options.ambient, options.lighting));
-  if (const Structures& parts = options.structures;
-      parts.labels || parts.mask || !parts.only.empty()) {
+  if (const VolumeParts& parts = options.parts; parts.labels || parts.mask || !parts.only.empty()) {
     json& recorded = out["structures"] = json::object();
     if (parts.labels) recorded["labels"] = content_hash(*parts.labels);
     if (parts.mask) recorded["mask"] = content_hash(*parts.mask);

@@ -157,10 +157,10 @@ Result<std::unique_ptr<Raycaster>> Raycaster::make(Volume volume, const Transfer
   if (lit && !light_volume.file.empty()) SLF_TRY(check_light_file(light_volume.file));
   std::unique_ptr<VolumeScene> shown;
   RaycastOptions all = options;
-  if (!options.structures.only.empty()) {
+  if (!options.parts.only.empty()) {
     volume.share();
     shown = SLF_TRY(make_volume_scene(volume, transfer, options));
-    all.structures.only.clear();
+    all.parts.only.clear();
   }
   auto scene = SLF_TRY(make_volume_scene(std::move(volume), transfer, all));
   auto caster = std::unique_ptr<Raycaster>(new Raycaster(std::unique_ptr<State>(

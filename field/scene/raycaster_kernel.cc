@@ -365,9 +365,9 @@ HWY_INLINE void load_rows(const RayGrid& grid, Samples<S>& samples) {
     const T* from = reinterpret_cast<const T*>(grid.voxels) + z * stride_z + y * stride_y + x;
     const std::ptrdiff_t* to_row = offset;
     const auto is_inner = [&](int axis) {
-      return static_cast<std::uint32_t>(samples.cell[axis][s] - 1) < inner[axis];
+      return static_cast<int>(static_cast<std::uint32_t>(samples.cell[axis][s] - 1) < inner[axis]);
     };
-    if (HWY_UNLIKELY(!(is_inner(0) & is_inner(1) & is_inner(2)))) {
+    if (HWY_UNLIKELY((is_inner(0) & is_inner(1) & is_inner(2)) == 0)) {
       copy_clamped(grid, x, y, z, border);
       from = border;
       to_row = border_offset;

@@ -13,6 +13,7 @@
 #include <hwy/highway.h>
 
 #include <algorithm>
+#include <array>
 #include <cstring>
 #include <type_traits>
 
@@ -42,13 +43,14 @@ struct Row {
 template <class T>
 HWY_NOINLINE void copy_clamped(const RayGrid& grid, int x, int y, int z, T* to) {
   const auto* voxels = reinterpret_cast<const T*>(grid.voxels);
-  const auto [nx, ny, nz] = grid.dims;
-  for (int k = 0; k < 64; ++k) {
-    const std::ptrdiff_t cx = std::clamp(x - 1 + (k & 3), 0, nx - 1);
-    const std::ptrdiff_t cy = std::clamp(y - 1 + (k >> 2 & 3), 0, ny - 1);
-    const std::ptrdiff_t cz = std::clamp(z - 1 + (k >> 4), 0, nz - 1);
-    to[k] = voxels[(cz * ny + cy) * nx + cx];
-  }
+  const std::array<int, 3> first{x - 1, y - 1, z - 1};
+  std::ptrdiff_t offset[3][4], stride = 1;
+  for (std::size_t axis = 0; axis < 3; stride *= grid.dims[axis++])
+    for (int k = 0; k < 4; ++k)
+      offset[axis][k] = std::clamp(first[axis] + k, 0, grid.dims[axis] - 1) * stride;
+  for (const std::ptrdiff_t slice : offset[2])
+    for (const std::ptrdiff_t row : offset[1])
+      for (const std::ptrdiff_t voxel : offset[0]) *to++ = voxels[slice + row + voxel];
 }
 
 /// A row as loaded: voxels or, in label volumes, 1 where the label is visible and 0 elsewhere.

@@ -30,7 +30,7 @@ constexpr std::size_t kPadded = kMaxSamples + kLanes;
 /// Intervals in which a ray may see something, each in one cell of the volume, along which values
 /// and gradients are cubic polynomials. Behind the last one, arrays hold anything.
 template <class S>
-struct Samples {
+struct Samples {  // NOLINT(clang-analyzer-optin.performance.Padding): whole vectors
   std::size_t size = 0;
   alignas(64) Row<S> rows[12][kPadded];
   alignas(64) float start[3][kPadded];   // in the cell, 0 to 1
@@ -119,6 +119,30 @@ HWY_INLINE void load_integrals(const TransferTable& table, Ints entry, Floats& b
 #endif
 }
 
+/// Finds the entry of a steep piece, where its mean position is uncertain: the mean of its parts,
+/// by what is seen of each.
+template <class S>
+HWY_NOINLINE void refine_entry(const TransferTable& table, Samples<S>& samples, int k,
+                               std::size_t s) {
+  constexpr int kParts = 8;
+  const float from = samples.value[k][s] + 0.5f, change = samples.value[k + 1][s] + 0.5f - from;
+  const auto entry = [&](float part) {
+    return samples.row[s] + static_cast<std::int32_t>(from + part * change);
+  };
+  const float length = samples.length[s] / (kPieces * kParts);
+  float left = 1, mean = 0;
+  for (int part = 0; part < kParts; ++part) {
+    const float middle = (static_cast<float>(part) + 0.5f) / kParts;
+    // exp(-depth) by Padé: the library's has other last bits on other processors.
+    const float depth = table.extinctions[static_cast<std::size_t>(entry(middle))] * length;
+    const float even = 1 + depth * depth / 12, odd = depth / 2;
+    const float passes = (even - odd) / (even + odd);
+    mean += left * (1 - passes) * middle;
+    left *= passes;
+  }
+  if (left < 1) samples.entry[k][s] = entry(mean / (1 - left));
+}
+
 /// Finds the opacity of each sample and its pieces. Labels are constant along an interval; a row of
 /// the table is one label.
 template <class S, bool kLabels>
@@ -195,6 +219,17 @@ HWY_INLINE void find_opacity(const RayGrid& grid, Samples<S>& samples) {
       center = hn::MulAdd(share, place, center);
       const Ints entry = hn::Min(hn::NearestInt(hn::MulAdd(middle, change, at[k])), last);
       hn::Store(row + hn::Max(entry, hn::Zero(kInts)), kInts, samples.entry[k] + i);
+      if constexpr (!kLabels) {
+        const auto path = [&](int end) {
+          return hn::GatherIndex(kFloats, table.color_path.data(), entries[end]);
+        };
+        const auto steep = share * hn::Abs(path(k + 1) - path(k)) > hn::Set(kFloats, 1.f / 16);
+        std::uint8_t bytes[8] = {};
+        hn::StoreMaskBits(kFloats, steep, bytes);
+        for (unsigned bits = bytes[0] | bytes[1] << 8; bits != 0; bits &= bits - 1)
+          if (const auto s = i + static_cast<std::size_t>(std::countr_zero(bits)); s < samples.size)
+            refine_entry(table, samples, k, s);
+      }
       left = after;
     }
     const Floats opacity = one - left;

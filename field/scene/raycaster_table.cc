@@ -45,21 +45,6 @@ double opacity_of(const TransferTable& table, double extinction) {
   return -std::expm1(-extinction * table.unit_distance);
 }
 
-std::int32_t ordered_bits(float value) {
-  const auto bits = std::bit_cast<std::int32_t>(value);
-  return bits >= 0 ? bits : std::numeric_limits<std::int32_t>::min() - bits;
-}
-
-std::size_t entry_of(const TransferTable& table, float value) {
-  const auto last = static_cast<float>(table.entries - 1);
-  if (!table.logarithmic)
-    return static_cast<std::size_t>(
-        std::clamp((value - table.low) * table.scale + 0.5f, 0.f, last));
-  const std::int64_t key = std::int64_t{ordered_bits(value)} - table.low_key;
-  return std::min(static_cast<std::size_t>(std::max<std::int64_t>(key, 0) >> table.shift),
-                  table.entries - 1);
-}
-
 TransferTable make_table(const TransferFunction& transfer, const Volume& volume,
                          std::array<float, 2> range) {
   constexpr int kMaxEntries = 1 << 16;
@@ -106,13 +91,17 @@ TransferTable make_label_table(const TransferFunction& transfer, const Volume& v
 
 void integrate(TransferTable& table) {
   table.integrals.resize(table.extinctions.size());
+  table.color_path.resize(table.colors.size());
   for (std::size_t row = 0; row < table.extinctions.size(); row += table.entries) {
-    double before = 0;
+    double before = 0, path = 0;
     for (std::size_t k = row; k < row + table.entries; ++k) {
       const std::size_t next = std::min(k + 1, row + table.entries - 1);
       const double mean = (double{table.extinctions[k]} + table.extinctions[next]) / 2;
       table.integrals[k] = {static_cast<float>(before), static_cast<float>(mean)};
       before += mean;
+      table.color_path[k] = static_cast<float>(path);
+      const glm::vec4 step = glm::abs(table.colors[next] - table.colors[k]);
+      path += step.r + step.g + step.b;
     }
   }
 }

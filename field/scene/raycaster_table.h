@@ -2,9 +2,12 @@
 // field/scene.
 #pragma once
 
+#include <algorithm>
 #include <array>
+#include <bit>
 #include <cstdint>
 #include <glm/glm.hpp>
+#include <limits>
 #include <vector>
 
 #include "slf/transfer.h"
@@ -37,6 +40,7 @@ struct TransferTable {
   std::vector<glm::vec4> albedos;
   std::vector<float> extinctions;   ///< at each of `colors`, at most kMaxExtinction
   std::vector<Integral> integrals;  ///< one for each of `colors`; see integrate()
+  std::vector<float> color_path;    ///< how much colours change up to each, in their channels' sum
   double unit_distance = 1;         ///< the length that the transfer function's opacities are for
 
   /// The surface of matter of opacity 1 is this dense: it absorbs all light within half a voxel.
@@ -44,10 +48,21 @@ struct TransferTable {
 };
 
 /// Maps a float to an integer with the same order.
-[[nodiscard]] std::int32_t ordered_bits(float value);
+[[nodiscard]] inline std::int32_t ordered_bits(float value) {
+  const auto bits = std::bit_cast<std::int32_t>(value);
+  return bits >= 0 ? bits : std::numeric_limits<std::int32_t>::min() - bits;
+}
 
 /// The entry of a stored value, as the ray-caster's loop finds it.
-[[nodiscard]] std::size_t entry_of(const TransferTable& table, float value);
+[[nodiscard]] inline std::size_t entry_of(const TransferTable& table, float value) {
+  const auto last = static_cast<float>(table.entries - 1);
+  if (!table.logarithmic)
+    return static_cast<std::size_t>(
+        static_cast<std::int32_t>(std::clamp((value - table.low) * table.scale + 0.5f, 0.f, last)));
+  const std::int64_t key = std::int64_t{ordered_bits(value)} - table.low_key;
+  return std::min(static_cast<std::size_t>(std::max<std::int64_t>(key, 0) >> table.shift),
+                  table.entries - 1);
+}
 
 /// The extinction of matter that has this opacity across unit_distance, and the reverse.
 [[nodiscard]] double extinction_of(const TransferTable& table, double opacity);
@@ -61,7 +76,7 @@ struct TransferTable {
 [[nodiscard]] TransferTable make_label_table(const TransferFunction& transfer, const Volume& volume,
                                              const std::vector<double>& labels);
 
-/// Computes the integrals from the extinctions.
+/// Computes the integrals from the extinctions, and the path of colours.
 void integrate(TransferTable& table);
 
 }  // namespace slf

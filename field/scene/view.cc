@@ -26,7 +26,7 @@ Result<Image> trace_view(const Scene& scene, const Sphere& sphere, const Camera&
                    ray.origin + chord.leave * ray.direction};
   };
   std::vector<Segment> some;  // few, and still close to each other
-  const std::uint32_t step = 1 + std::max(camera.width, camera.height) / 256;
+  const std::uint32_t step = 1 + std::max(camera.width, camera.height) / 512;
   for (std::uint32_t y = 0; y < camera.height; y += step)
     for (std::uint32_t x = 0; x < camera.width; x += step)
       if (const auto ray = segment(rays.ray(x, y))) some.push_back(*ray);

@@ -11,7 +11,7 @@
 #include "field/scene/provenance.h"
 #include "field/scene/raycaster_space.h"
 #include "field/scene/raycaster_table.h"
-#include "field/scene/structures.h"
+#include "field/scene/volume_parts.h"
 #include "field/volume/voxels.h"
 
 namespace slf {
@@ -153,7 +153,7 @@ Result<std::unique_ptr<VolumeScene>> make_volume_scene(Volume volume,
       labels = SLF_TRY(renumber_labels(v));
     }
     grid.table = make_label_table(transfer, v, labels);
-    const auto& only = options.structures.only;
+    const auto& only = options.parts.only;
     for (std::size_t k = 0; k < labels.size() && !only.empty(); ++k)
       if (!only.contains(std::llround(v.slope * labels[k] + v.intercept)))
         grid.table.extinctions[k] = 0;
@@ -166,14 +166,14 @@ Result<std::unique_ptr<VolumeScene>> make_volume_scene(Volume volume,
     contrast = contrast_of(transfer, v, range);
   }
 
-  if (!options.structures.only.empty() && !v.labels && !options.structures.labels)
+  if (!options.parts.only.empty() && !v.labels && !options.parts.labels)
     return fail(ErrorCode::usage, v.source, ": has no labels, of which only some could be shown");
-  if (options.structures.labels || options.structures.mask) {
+  if (options.parts.labels || options.parts.mask) {
     if (v.labels)
       return fail(ErrorCode::usage, v.source,
                   ": structures are parts of a volume of amounts, but this one holds labels");
-    SLF_TRY(add_structures(options.structures, v, grid));
-    for (const auto& part : {options.structures.labels, options.structures.mask})
+    SLF_TRY(add_parts(options.parts, v, grid));
+    for (const auto& part : {options.parts.labels, options.parts.mask})
       if (part) v.files.insert(v.files.end(), part->files.begin(), part->files.end());
   }
   integrate(grid.table);
@@ -220,7 +220,7 @@ Result<std::unique_ptr<VolumeScene>> make_volume_scene(Volume volume,
     return fail(ErrorCode::bad_file, v.source,
                 ": all values are NaN or infinite: nothing is "
                 "visible under any transfer function; write the volume again");
-  if (!bounds && !options.structures.only.empty())
+  if (!bounds && !options.parts.only.empty())
     return fail_without("only_labels", ErrorCode::failed, v.source,
                         ": no visible voxel has one of the labels to show");
   if (!bounds && !grid.clip.empty())

@@ -3,6 +3,7 @@
 #include <vector>
 
 #include "base/half.h"
+#include "slf/tone.h"
 
 namespace slf {
 namespace {
@@ -59,6 +60,15 @@ void compose(std::span<const TileLayer> layers, std::span<std::byte> samples) {
 }
 
 }  // namespace
+
+glm::vec4 layer_factor(float opacity, const std::array<float, 3>& tint, bool linear) {
+  glm::vec4 factor(opacity);  // alpha comes last
+  for (int c = 0; c < 3; ++c) {
+    const float t = tint[static_cast<std::size_t>(c)];
+    factor[c] *= linear ? linear_from_srgb(t) : t;
+  }
+  return factor;
+}
 
 void compose_samples(std::span<const TileLayer> layers, SampleFormat format,
                      std::span<std::byte> samples) {

@@ -9,7 +9,6 @@
 #include "base/try.h"
 #include "field/geometry/section.h"
 #include "field/tiles/compose_samples.h"
-#include "slf/tone.h"
 
 namespace slf {
 
@@ -19,17 +18,6 @@ constexpr std::uint64_t kTileBytes = 512;  // approximate bookkeeping per tile
 // geometry and address space for its table, is at most this many times the file. Even an unfinished
 // field stays far below.
 constexpr std::uint64_t kGeometryTimes = 1 << 10, kTableTimes = 1 << 17;
-
-/// What a structure's colours, whose alpha comes last, are multiplied by.
-glm::vec4 factor_of(const Structure& structure, bool linear) {
-  glm::vec4 factor(structure.opacity);
-  for (int c = 0; c < 3; ++c) {
-    const float tint = structure.tint[static_cast<std::size_t>(c)];
-    factor[c] *= linear ? linear_from_srgb(tint) : tint;
-  }
-  return factor;
-}
-
 }  // namespace
 
 TileCache::TileCache(const FieldFile& field, std::uint64_t budget, std::uint64_t map_budget,
@@ -46,7 +34,7 @@ TileCache::TileCache(const FieldFile& field, std::uint64_t budget, std::uint64_t
       parts_.push_back(
           {std::make_unique<TileCache>(one.field.file(), (budget - budget_) / structures->size(),
                                        map_budget / structures->size(), in_place),
-           factor_of(one, one.field.linear())});
+           layer_factor(one.opacity, one.tint, one.field.linear())});
   const FieldShape& shape = field.shape();
   const std::uint64_t bytes = field.store().file_bytes();
   const auto fits = [&](std::uint64_t needed, std::uint64_t times) {

@@ -107,8 +107,8 @@ void resample_as(std::vector<std::byte>& voxels, std::size_t plane, std::size_t 
 }
 
 Result<void> resample(const std::vector<DicomSlice>& slices, bool nearest, Volume& volume) {
-  std::vector<double> heights;
-  for (const auto& slice : slices) heights.push_back(height_of(slice));
+  std::vector<double> heights(slices.size());
+  std::ranges::transform(slices, heights.begin(), height_of);
   const glm::dvec3 normal = glm::cross(slices[0].row, slices[0].column);
   const double gap = glm::dot(normal, volume.axes[2]);
   const double planes = std::floor((heights.back() - heights.front()) / gap + 1e-3) + 1;
@@ -178,6 +178,7 @@ Result<void> for_each_frame(
   std::map<std::string, std::vector<std::size_t>> by_file;
   for (std::size_t i = 0; i < slices.size(); ++i) by_file[slices[i].path].push_back(i);
   std::vector<DicomSlice> files;
+  files.reserve(by_file.size());
   for (const auto& [path, of_file] : by_file) files.push_back(slices[of_file.front()]);
   DicomPixelReader reader(files);
   for (const auto& [path, of_file] : by_file) {
@@ -188,8 +189,8 @@ Result<void> for_each_frame(
 }
 
 Result<PlaneGrid> grid_of_planes(const std::vector<DicomSlice>& slices, const std::string& source) {
-  std::vector<const DicomSlice*> sorted;
-  for (const auto& slice : slices) sorted.push_back(&slice);
+  std::vector<const DicomSlice*> sorted(slices.size());
+  std::ranges::transform(slices, sorted.begin(), [](const auto& slice) { return &slice; });
   std::ranges::stable_sort(sorted, [](auto* a, auto* b) { return height_of(*a) < height_of(*b); });
   const DicomSlice& lowest = *sorted.front();
   const double from = height_of(lowest), range = height_of(*sorted.back()) - from;

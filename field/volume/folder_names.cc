@@ -44,8 +44,8 @@ PictureName parse_name(const std::string& path) {
 
 /// The numbers in one place of all names, in ascending order.
 std::vector<std::uint64_t> column(const std::vector<PictureName>& names, std::size_t place) {
-  std::vector<std::uint64_t> numbers;
-  for (const auto& name : names) numbers.push_back(name.numbers[place]);
+  std::vector<std::uint64_t> numbers(names.size());
+  std::ranges::transform(names, numbers.begin(), [&](auto& name) { return name.numbers[place]; });
   std::ranges::sort(numbers);
   return numbers;
 }
@@ -94,6 +94,7 @@ Result<void> check_patterns(const std::string& folder, std::vector<PictureName>&
     return {};
   }
   std::vector<std::vector<std::string>> series;
+  series.reserve(by_pattern.size());
   for (auto& [pattern, members] : by_pattern) series.push_back(std::move(members));
   std::ranges::stable_sort(series,
                            [](const auto& a, const auto& b) { return a.size() > b.size(); });
@@ -117,8 +118,8 @@ Result<void> check_patterns(const std::string& folder, std::vector<PictureName>&
 
 Result<void> check_numbering(const std::string& folder, std::vector<std::string>& files,
                              std::vector<std::string>& notes) {
-  std::vector<PictureName> names;
-  for (const auto& file : files) names.push_back(parse_name(file));
+  std::vector<PictureName> names(files.size());
+  std::ranges::transform(files, names.begin(), parse_name);
   if (auto ok = check_patterns(folder, names, notes); !ok) return ok;
   std::set<std::string> kept;
   for (const auto& name : names) kept.insert(name.name);

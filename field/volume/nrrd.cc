@@ -426,8 +426,8 @@ Result<Volume> read_nrrd(const std::string& path, std::string_view head,
   auto axes = all_axes;
   const bool directed = header.find("spacedirections") != nullptr;
   const auto others = SLF_TRY(keep_space(path, directed, axes));
-  std::vector<std::uint64_t> sizes;
-  for (const Axis& axis : axes) sizes.push_back(axis.size);
+  std::vector<std::uint64_t> sizes(axes.size());
+  std::ranges::transform(axes, sizes.begin(), &Axis::size);
   volume.dims = SLF_TRY(check_dims(path, sizes));
   SLF_TRY(directed ? place_directed(header, axes, volume)
                    : place_by_spacing(axes, options, volume));

@@ -76,7 +76,7 @@ class VoxelStream {
       SLF_TRY(open());
       const std::size_t wanted =
           std::min<std::uint64_t>(to.size() - done, bytes_.part - at_ % bytes_.part);
-      const auto got = reader_->read(to.subspan(done, wanted));
+      auto got = reader_->read(to.subspan(done, wanted));
       if (!got) return got;
       done += *got;
       at_ += *got;
@@ -148,7 +148,7 @@ Result<std::size_t> read_component(VoxelStream& stream, const VoxelData& from, s
   }
   while (done < to.size()) {
     SLF_TRY(stream.skip(from.component * run));
-    const auto got = stream.read(to.subspan(done, run));
+    auto got = stream.read(to.subspan(done, run));
     if (!got) return got;
     done += *got;
     if (*got < run) break;

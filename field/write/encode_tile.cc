@@ -32,7 +32,7 @@ Result<std::vector<TileKey>> earlier_tiles(const FieldFile& field, TileKey key) 
   bool added = false;
   for (std::uint64_t back = 1; !added && back <= std::min(state, kSearchedStates); ++back)
     added = SLF_TRY(add(state - back));
-  if (state > 0) added = SLF_TRY(add(0));
+  if (state > 0) SLF_TRY(add(0));
   return found;
 }
 

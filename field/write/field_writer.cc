@@ -44,15 +44,6 @@ Result<void> remove_leftover(const std::string& file, ByteSpan manifest) {
   return {};
 }
 
-/// Rewrites an error about the draft `file` as one about `path`, the output that the user named.
-/// But an error about somebody's file beside it names that.
-Error name_as_output(Error error, const std::string& file, const std::string& path) {
-  if (!error.message.starts_with(file) || error.code == ErrorCode::usage) return error;
-  const std::size_t colon = error.message.find(": ", file.size());
-  if (colon != std::string::npos) error.message.replace(0, colon, path);
-  return error;
-}
-
 /// Encodes a manifest. usage: readers would refuse it.
 Result<Bytes> encode(const Manifest& manifest, const std::string& path) {
   const std::string text =
@@ -124,13 +115,12 @@ Result<FieldWriter> FieldWriter::create(const FieldOutput& output, Draft draft,
     if (cleared.error().code != ErrorCode::busy) return tl::unexpected(cleared.error());
     return fail(ErrorCode::busy, output.path, kAnotherProcess, " (", file, ")");
   }
-  auto writer = TileWriter::create(file, blobs);
-  if (!writer) return tl::unexpected(name_as_output(writer.error(), file, output.path));
+  auto writer = SLF_TRY(TileWriter::create(file, blobs, output.path));
   auto created = guarded([&]() -> Result<FieldWriter> {
     // The draft of a file that replaces a private one must never be public.
     if (output.existing == Existing::replace)
       copy_permissions(output.target, file, /*writable=*/true);
-    FieldWriter made(std::move(*writer), file);
+    FieldWriter made(std::move(writer), file);
     made.output_ = output;
     made.discard_ = draft == Draft::discard;
     if (made.discard_) made.writer_->defer_sync();

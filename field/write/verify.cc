@@ -161,8 +161,8 @@ class Verifier {
   /// Checks and decodes tiles on all threads, and clears `tiles`.
   Result<void> check_payloads(TileCache& cache, std::vector<TileRef>& tiles) {
     if (!options_.quick) {
-      std::vector<TileKey> keys;
-      for (const TileRef& tile : tiles) keys.push_back(tile.key);
+      std::vector<TileKey> keys(tiles.size());
+      std::ranges::transform(tiles, keys.begin(), &TileRef::key);
       const FoundTiles found = cache.locate(keys);
       std::vector<Result<std::optional<Finding>>> findings(tiles.size());
       auto checked = parallel_for(tiles.size(), options_.threads, [&](std::uint64_t k) {

@@ -21,9 +21,9 @@
 #include "slf/light.h"
 #include "slf/progress.h"
 #include "slf/scene.h"
-#include "slf/structures.h"
 #include "slf/transfer.h"
 #include "slf/volume.h"
+#include "slf/volume_parts.h"
 
 namespace slf {
 
@@ -56,7 +56,7 @@ struct RaycastOptions {
   float ambient = 0.3f;  ///< share of a colour that needs no light; the rest is Lambert's
   /// Unless its mode is Lighting::direct, it replaces `shade`, `light` and `ambient`.
   LightOptions lighting{};
-  Structures structures{};        ///< parts of the volume in colours of their own
+  VolumeParts parts{};            ///< parts of the volume in colours of their own
   std::vector<ClipPlane> clip{};  ///< each removes what lies beyond it
 };
 

@@ -22,9 +22,9 @@
 #include "slf/pictures.h"
 #include "slf/raycaster.h"
 #include "slf/scene.h"
-#include "slf/structures.h"
 #include "slf/transfer.h"
 #include "slf/volume.h"
+#include "slf/volume_parts.h"
 
 namespace slf {
 
@@ -53,7 +53,7 @@ struct SceneDescription {
   VolumeSource labels_volume{}, mask{};
   std::string label_table{};           ///< for read_label_table(); empty: that of `labels_volume`
   std::optional<LabelTable> styles{};  ///< instead of `label_table`
-  std::vector<std::int64_t> only_labels{};  ///< Structures::only
+  std::vector<std::int64_t> only_labels{};  ///< VolumeParts::only
 
   // Rays and light, of volumes and meshes.
   RaycastOptions raycast{};            ///< but for what the members below state

@@ -3,7 +3,7 @@
 #include <cstdlib>
 #include <string>
 
-#include "slf/structures.h"
+#include "slf/volume_parts.h"
 
 namespace {
 

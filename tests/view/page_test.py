@@ -23,6 +23,7 @@ from nginx import Nginx
 
 SLF, DECODED, WORK = sys.argv[1:4]
 WORK = os.path.abspath(WORK)
+ROOT = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..")
 VIEWS = [(30, 20, 3), (200, -35, 3), (110, 85, 2.2), (300, 5, 1.4), (75, 0, 6)]
 MIN_PSNR = {"bitri": 45.0, "depth": 42.0}  # dB
 # Software graphics take a second for a picture of 512². Half of that shows the same mistakes;
@@ -178,6 +179,152 @@ class PageTest(unittest.TestCase):
             self.press(page, "p")
             page.close()
 
+    @classmethod
+    def structured(cls):
+        """A field of four structures: a core within two lobes, and a stem."""
+        def label(x, y, z):
+            square = sum((at - 11.5) ** 2 for at in (x, y, z))
+            if max(abs(x - 11.5), abs(y - 11.5)) < 2 and z < 6:
+                return 4
+            return 0 if square > 81 else 1 if square < 25 else 2 if x < 12 else 3
+
+        with open(path("labels.raw"), "wb") as file:
+            file.write(bytes(label(x, y, z)
+                             for z in range(24) for y in range(24) for x in range(24)))
+        with open(path("labels.json"), "w") as file:
+            json.dump({"labels": [{"id": 0, "opacity": 0}] + [
+                {"id": k, "name": name, "color": color} for k, name, color in [
+                    (1, "core", [0.9, 0.8, 0.6]), (2, "left lobe", [0.4, 0.6, 0.9]),
+                    (3, "right lobe", [0.9, 0.5, 0.4]), (4, "stem, white", [1, 1, 1])]]}, file)
+        field = path("structures.slf")
+        slf("build", path("labels.raw"), "--dims", "24x24x24", "--labels", "--label-table",
+            path("labels.json"), "--each-label", "--lighting", "direct", "--levels", 1, "--entry",
+            4, "--exit", 16, "-o", field, "-f")
+        return field
+
+    def same_as(self, page, field, *structures, view=VIEWS[0], fragment=""):
+        """Whether the page shows what slf render --structure draws."""
+        options = [text for name in structures for text in ("--structure", name)]
+        found = self.psnr(page, field, view, "depth", 1, fragment, options)
+        with self.subTest(structures=structures, view=view):
+            self.assertGreaterEqual(found, MIN_PSNR["depth"])
+
+    def test_structures(self):
+        """The list of structures: hidden, alone, faded and tinted ones, as slf render draws them."""
+        field = self.structured()
+        with Server(field) as server:
+            page = self.browser.open(server.url, SIZE, SIZE)
+            page.settle()
+            part = "slf.root.querySelector('[aria-label=\"{}\"]')"
+
+            def click(label):
+                page.run(part.format(label) + ".click()")
+                page.settle()
+
+            def enter(label, value):
+                page.run(f"""(() => {{
+                  const input = {part.format(label)};
+                  input.value = {json.dumps(value)};
+                  input.dispatchEvent(new Event('input'));
+                }})()""")
+                page.wait("!slf.stale")
+                page.settle()
+
+            self.assertEqual(page.run(
+                "[...slf.root.querySelectorAll('#list label')].map((e) => e.textContent)"),
+                ["core", "left lobe", "right lobe", "stem, white"])
+            self.assertTrue(page.run("slf.root.getElementById('states').hidden"))
+            for view in VIEWS[:2]:
+                self.same_as(page, field, view=view)
+            self.psnr(page, field, VIEWS[1], "depth", 0)  # all tiles of which are there
+            page.wait("!slf.statistics().busy")
+            loaded = page.run("slf.statistics().bytes")
+            for label in ["Show left lobe", "Show stem, white", "Only core", "Only core"]:
+                click(label)
+            page.run("slf.root.getElementById('all-on').click()")
+            page.settle()
+            self.assertEqual(page.run("slf.statistics().bytes"), loaded)
+            # Rays meet other surfaces now, but none of what is hidden.
+            page.run("""(() => {
+              const {reader} = slf.loader, read = reader.read;
+              globalThis.states = new Set();
+              reader.read = (pages) => {
+                pages.forEach((page) => states.add(Math.floor(page / slf.pages())));
+                return read.call(reader, pages);
+              };
+            })()""")
+            click("Show right lobe")
+            self.same_as(page, field, "*", "right lobe:0", view=VIEWS[1])
+            self.assertEqual(page.run("[...states].sort()"), [0, 1, 3])
+            self.assertIn("structures=*,right%20lobe:0&", page.run("location.hash"))
+            click("Only core")
+            self.same_as(page, field, "core", view=VIEWS[1])
+            click("Only core")  # what was shown before
+            self.same_as(page, field, "*", "right lobe:0", view=VIEWS[1])
+            page.run("slf.root.getElementById('all-on').click()")
+            enter("Opacity of left lobe", "0.4")
+            enter("Tint of stem, white", "#ffd080")
+            self.same_as(page, field, "*", "left lobe:0.4", "stem, white:#ffd080")
+            self.assertEqual(page.run("document.querySelector('slf-field').structures"),
+                             ["*", "left lobe:0.4", "stem, white:#ffd080"])
+            page.run("slf.root.getElementById('all-off').click()")
+            page.settle()
+            self.assertEqual(page.run("slf.loader.tiles"), 0)
+            self.assertEqual(page.run("slf.statistics().damaged"), 0)
+            page.close()
+
+    def test_structures_by_address_and_keyboard(self):
+        field = self.structured()
+        with Server(field) as server:
+            loaded = {}
+            for structures, options in [
+                    ("*", ["*"]), ("stem%2C white", ["stem, white"]),
+                    ("*lobe:0.3:%23ffd0b0,core", ["*lobe:0.3:#ffd0b0", "core"])]:
+                page = self.browser.open(server.url + f"#structures={structures}", SIZE, SIZE)
+                page.settle()
+                page.wait("!slf.statistics().busy")
+                loaded[structures] = page.run("slf.statistics().bytes")
+                self.same_as(page, field, *options)
+                page.close()
+            # What is hidden is not loaded.
+            self.assertLess(loaded["stem%2C white"], 0.6 * loaded["*"])
+            page = self.browser.open(server.url + "#structures=core,no such", SIZE, SIZE)
+            page.settle()
+            self.assertIn("no structure named no such",
+                          page.run("slf.root.getElementById('status').textContent"))
+            if page.run("slf.root.getElementById('parts').hidden"):
+                self.press(page, "l")
+            reached = []
+            for _ in range(60):
+                self.press(page, "Tab")
+                reached.append(page.run("slf.root.activeElement?.getAttribute('aria-label')"))
+                if reached[-1] == "Show left lobe":
+                    break
+            self.assertEqual(reached[-5:], ["Show core", "Opacity of core", "Tint of core",
+                                            "Only core", "Show left lobe"])
+            self.press(page, " ")
+            page.wait("slf.field.layers.length === 2")
+            self.press(page, "Tab")
+            self.press(page, "ArrowLeft")
+            page.wait("slf.field.layers[1].opacity === 0.99")
+            self.assertEqual(page.run("slf.camera.toText()"), "30,20,3")
+            page.settle()
+            self.assertIn("structures=core,left%20lobe:0.99", page.run("location.hash"))
+            page.close()
+
+    def test_structures_in_saved_views_and_as_an_attribute(self):
+        field = self.structured()
+        views = {"views": [{"title": "All", "orbit": [30, 20, 3]},
+                           {"title": "Core", "orbit": [30, 20, 3], "structures": ["core:0.5"]}]}
+        with self.explained(views, field) as server:
+            page = self.browser.open(server.url + "#saved=2", SIZE, SIZE)
+            page.wait("slf.field?.layers?.length === 1 && slf.field.layers[0].opacity === 0.5")
+            page.run("""document.querySelector('slf-field').setAttribute('structures',
+                          'stem%2C white'); 0""")
+            page.wait("slf.field.layers.length === 1 && slf.field.layers[0].state === 3")
+            self.assertEqual(page.run("slf.root.getElementById('shown').textContent"), "1 of 4")
+            page.close()
+
     def test_decodes_the_same_samples(self):
         for field in self.fields:
             stride = 31
@@ -200,9 +347,9 @@ class PageTest(unittest.TestCase):
 
     def test_tiles_and_their_copies_in_workers_share_one_budget(self):
         """Decodes tiles that are predicted from 3 of 12 others of 100 bytes, where 10 fit."""
-        with Server(self.fields[0]) as server:
-            page = self.browser.open(server.url, 64, 64)
-            page.settle()
+        with Host(os.path.join(ROOT, "view/page")) as host:
+            page = self.browser.open(host.url + "/style.css", 64, 64)
+            page.wait("document.readyState === 'complete'")
             found = page.run("""(async () => {
               const {Decoders} = await import('./decoders.js');
               const workers = [], found = {lacking: 0, most: 0, held: 0, sent: 0};
@@ -311,6 +458,48 @@ class PageTest(unittest.TestCase):
                     # Tiles are small here: the headers of parts take 140 bytes each.
                     self.assertLessEqual(host.bytes("field.slf"), 1.5 * payload + index + 65536)
                 page.close()
+
+    def early_site(self):
+        """A folder whose level 0 is too large to be loaded whole."""
+        field, folder = path("early.slf"), path("early")
+        slf("build", "scene:fog", "--entry", 4, "--exit", 16, "--levels", 0, "--codec", "raw",
+            "-o", field, "-f")
+        slf("export", field, "-o", folder, "-f")
+        return folder
+
+    def test_the_first_tiles_come_before_the_module(self):
+        """The exporter lists them; no other request for tiles comes before the first picture."""
+        class Late(Handler):  # the module comes after the tiles are asked for
+            ranges_asked = []
+
+            def do_GET(self):
+                if self.path.endswith("field.slf"):
+                    Late.ranges_asked.append(self.headers["Range"])
+                deadline = time.monotonic() + 20
+                while self.path.endswith("module.bin") and len(Late.ranges_asked) < 3 \
+                        and time.monotonic() < deadline:
+                    time.sleep(0.01)
+                super().do_GET()
+
+        with Host(self.early_site(), handler=Late) as host:
+            page = self.open(host.url + "/index.html")
+            page.settle()
+            found = page.run("slf.statistics().first")
+            page.close()
+            self.assertIn(",", Late.ranges_asked[2])
+            self.assertLessEqual(found["requests"], 4)
+            self.assertLess(found["milliseconds"], 20000)
+
+    def test_a_list_of_first_tiles_that_is_wrong_does_no_harm(self):
+        folder = self.early_site()
+        field = os.path.join(folder, "field.slf")
+        slf("export", self.fields[0], "-o", path("other"), "-f")
+        shutil.copy(path("other/field.slf"), field)  # smaller; index.html is of the old one
+        with Host(folder) as host:
+            page = self.open(host.url + "/index.html")
+            page.settle()
+            self.assertGreaterEqual(self.psnr(page, field, VIEWS[0], "depth", 2), MIN_PSNR["depth"])
+            page.close()
 
     def test_requests_that_share_a_connection_fill_few_gaps(self):
         if not Nginx.available():
@@ -778,6 +967,64 @@ class PageTest(unittest.TestCase):
             page.wait(behind + " === 'true,false'", 20)
             page.close()
 
+    def phone(self, server, fragment=""):
+        page = self.browser.open("about:blank", 390, 844)
+        page.call("Emulation.setTouchEmulationEnabled", enabled=True)
+        page.call("Page.navigate", url=server.url + fragment)
+        page.settle()
+        return page
+
+    def test_labels_of_notes_do_not_overlap_on_a_phone(self):
+        sphere = json.loads(slf("info", self.fields[0], "--json"))["sphere"]
+        notes = [{"label": f"Number {i} of several", "point": [
+            c + 0.1 * sphere["radius"] * (i % d - 1) for c, d in zip(sphere["center"], [2, 3, 4])]}
+            for i in range(8)]
+        with self.explained({"notes": notes}) as server:
+            page = self.phone(server, "#view=30,20,1.5")
+            page.run("slf.probe = () => [], slf.moved(), 0")  # nothing is in front of them
+            page.wait("slf.root.querySelectorAll('.note:not(.behind)').length === 8")
+            page.screenshot(path("notes.png"))
+            found = page.run("""[...slf.root.querySelectorAll('.note:not(.crowded)')].map((note) =>
+                (({left, top, right, bottom}) => [left, top, right, bottom])(
+                  note.getBoundingClientRect()))""")
+            self.assertGreater(len(found), 2)
+            for i, a in enumerate(found):
+                self.assertTrue(a[0] >= 0 and a[1] >= 0 and a[2] <= 390 and a[3] <= 844, a)
+                for b in found[:i]:
+                    self.assertTrue(a[2] <= b[0] or b[2] <= a[0] or a[3] <= b[1] or b[3] <= a[1])
+            page.close()
+
+    def test_swipes_and_copying_a_view(self):
+        views = [{"title": f"View {i}", "orbit": [30 * i, 10, 2.5]} for i in range(3)]
+        with self.explained({"views": views}) as server:
+            page = self.phone(server)
+            box = page.run("(({left, top, width, height}) => [left + width / 2, top + height / 2])"
+                           "(slf.root.getElementById('views').getBoundingClientRect())")
+
+            def swipe(by):
+                for kind, x in [("touchStart", box[0] - by / 2), ("touchMove", box[0]),
+                                ("touchMove", box[0] + by / 2), ("touchEnd", None)]:
+                    page.call("Input.dispatchTouchEvent", type=kind,
+                              touchPoints=[] if x is None else [{"x": x, "y": box[1]}])
+
+            for by, orbit in [(-120, "30,10,2.5"), (-120, "60,10,2.5"), (120, "30,10,2.5")]:
+                swipe(by)
+                page.wait(f"slf.camera.toText() === '{orbit}'", 20)
+            swipe(20)  # too short
+            page.run("slf.camera.fromText('12.5,-40,2.25,0.1,0,0.2'), slf.moved(), 0")
+            page.run("navigator.clipboard.writeText = async (text) => { globalThis.copied = text }, "
+                     "slf.root.getElementById('copy').click(), 0")
+            page.wait("globalThis.copied")
+            copied = json.loads(page.run("copied"))
+            page.close()
+        with self.explained({"views": [copied]}) as server:
+            page = self.browser.open(server.url, SIZE, SIZE)
+            page.settle()
+            camera = page.run("slf.camera.toText()").split(",")
+            for found, expected in zip(camera, [12.5, -40, 2.25, 0.1, 0, 0.2], strict=True):
+                self.assertAlmostEqual(float(found), expected, places=3)
+            page.close()
+
     def test_wrong_views_are_refused(self):
         for content, place in [
                 ('{"views": [{"title": "a", "orbit": [0, 0, 0.5]}]}', "views[0].orbit: expected"),
@@ -832,10 +1079,9 @@ class PageTest(unittest.TestCase):
         """The package for npm, installed, on a page whose policy forbids inline scripts."""
         if not shutil.which("npm"):
             self.skipTest("no npm")
-        root = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..")
         folder = path("embedding")
         shutil.rmtree(folder, ignore_errors=True)
-        subprocess.run([os.path.join(root, "scripts/npm-package"), SLF, folder], check=True)
+        subprocess.run([os.path.join(ROOT, "scripts/npm-package"), SLF, folder], check=True)
         package, = [name for name in os.listdir(folder) if name.endswith(".tgz")]
         subprocess.run(["npm", "install", "--silent", "--offline", "--prefix", folder,
                         os.path.join(folder, package)], check=True)
@@ -912,13 +1158,15 @@ globalThis.right = document.getElementById('a') instanceof SlfField;""")
             script = file.read()
         views = {"views": [{"title": "Left", "text": "A text", "orbit": [90, 0, 3]}],
                  "notes": [{"label": "Note", "text": "More", "point": [0, 0, 0]}]}
-        with self.explained(views) as server:
+        panels = [("h", "settings"), ("l", "parts")]  # on a phone, the last one that is opened shows
+        with self.explained(views, self.structured()) as server:
             for (width, height), dark in [((1280, 800), True), ((1280, 800), False),
                                           ((390, 844), True), ((390, 844), False)]:
                 page = self.browser.open(server.url, width, height, dark=dark)
                 page.settle()
-                if page.run("slf.root.getElementById('settings').hidden"):
-                    self.press(page, "h")
+                for key, panel in panels if dark else panels[::-1]:
+                    if page.run(f"slf.root.getElementById('{panel}').hidden"):
+                        self.press(page, key)
                 page.run(script + "; 0")
                 found = page.run("""axe.run(document, {runOnly: [
                     'wcag2a', 'wcag2aa', 'wcag21a', 'wcag21aa', 'wcag22aa']}).then(

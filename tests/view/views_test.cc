@@ -27,7 +27,19 @@ TEST(Views, AreCheckedAndSafeInAPage) {
   EXPECT_THAT(views->json, Not(HasSubstr("<")));
   EXPECT_THAT(views->json, HasSubstr("/script>"));
   EXPECT_EQ(views->first, "30.0,-20.0,3.0,1.0,0.0,0.5");
+  EXPECT_EQ(views->attributes, " view=\"30.0,-20.0,3.0,1.0,0.0,0.5\"");
   EXPECT_EQ(parse_views({}, kSphere)->json, "");
+}
+
+TEST(Views, StructuresOfTheFirstOneAreAnAttribute) {
+  const auto views = parse_views({"v.json", R"({"views": [{"title": "a", "orbit": [0, 0, 3],
+                                "structures": ["left, \"50%\":0.3", "stem"]}]})"},
+                                 kSphere);
+  ASSERT_TRUE(views) << views.error().message;
+  EXPECT_EQ(views->attributes,
+            " view=\"0.0,0.0,3.0\" structures=\"left%2C &quot;50%25&quot;:0.3,stem\"");
+  EXPECT_THAT(error_of(R"({"views": [{"title": "a", "orbit": [0, 0, 3], "structures": "a"}]})"),
+              HasSubstr("views[0].structures: expected a list of texts"));
 }
 
 TEST(Views, ErrorsNameThePlaceAndWhatIsExpected) {

@@ -64,7 +64,11 @@ export class Decoders {
     while (this.queue.length > 0) {
       const worker = this.workers.reduce((a, b) => b.busy < a.busy ? b : a);
       if (worker.busy >= kAtOnce) return;
-      const {message, done, failed} = this.queue.shift();
+      const {message, done, failed, wanted} = this.queue.shift();
+      if (wanted?.() === false) {
+        done();
+        continue;
+      }
       const forget = [...worker.dropped];
       worker.dropped.clear();
       const references = message.references.map((tile) => this.copied(worker, tile));
@@ -88,6 +92,16 @@ export class Decoders {
     return new Promise((done, failed) => {
       const message = {action: 'decode', level, entry, exit, payload, references};
       this.queue.push({message, done, failed});
+      this.send();
+    });
+  }
+  // Resolves to the samples of a tile that layers, {samples, opacity, tint} each, compose; to
+  // undefined if that is no longer wanted once it is its turn. It takes turns before decoding,
+  // because pictures wait for it.
+  compose(layers, linear, wanted) {
+    return new Promise((done, failed) => {
+      const message = {action: 'compose', layers, linear, references: []};
+      this.queue.unshift({message, done, failed, wanted});
       this.send();
     });
   }

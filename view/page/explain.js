@@ -6,6 +6,7 @@ const kSwipe = 40;      // pixels that a swipe moves at least
 const kProbe = 120;     // milliseconds between looks at which notes have matter in front of them
 const kBehind = 0.03;   // radii that a note may lie below the surface
 const kBar = 120;       // pixels: the longest scale bar
+const kCorners = [[0, 0], [1, 1], [0, 1], [1, 0]];  // of a label, that may be at its point
 
 // Shows plain text, with its addresses as links.
 function fill(element, text = '') {
@@ -22,10 +23,10 @@ function rounded(value, error) {
 }
 
 export class Explain {
-  // `byId` finds parts of the element; `say(text)` tells something, `hint(text)` for a moment;
-  // `linked`: views have addresses.
-  constructor(viewer, byId, say, hint, linked) {
-    Object.assign(this, {viewer, byId, say, hint, linked, views: [], notes: [], marks: [], at: -1});
+  // `element`: the <slf-field>; `byId` finds its parts.
+  constructor(element, byId) {
+    Object.assign(this, {element, byId, viewer: element.viewer, views: [], notes: [], marks: [],
+                         at: -1});
     this.tool = undefined;  // 'ruler' or 'mark': what a click on the surface does
     byId('previous').onclick = () => this.go(this.at - 1);
     byId('next').onclick = () => this.go(this.at + 1);
@@ -89,12 +90,14 @@ export class Explain {
     const at = (number + this.views.length) % this.views.length;
     this.tell(at);
     this.viewer.flyTo(this.views[at].camera);
+    const {structures} = this.views[at];
+    if (structures) this.element.structures = structures;
   }
   tell(at) {
     this.at = at;
     const {title, text} = this.views[at], link = this.byId('title');
     link.textContent = title;
-    if (this.linked) link.href = `#saved=${at + 1}`;
+    if (this.element.whole) link.href = `#saved=${at + 1}`;
     this.byId('count').textContent = `${at + 1} of ${this.views.length}`;
     fill(this.byId('text'), text);
   }
@@ -102,15 +105,17 @@ export class Explain {
     const {azimuth, elevation, distance, target} = this.viewer.camera;
     const round = (v) => Math.round(v * 1e3) / 1e3;
     return {title: 'Title', text: '', orbit: [azimuth, elevation, distance].map(round),
-            ...(target.some((v) => v !== 0) && {target: this.outward(target).map(round)})};
+            ...(target.some((v) => v !== 0) && {target: this.outward(target).map(round)}),
+            ...(this.viewer.field.structures.length > 0 &&
+                {structures: this.element.structures})};
   }
   async copy(value, name) {
     const text = JSON.stringify(value);
     try {
       await navigator.clipboard.writeText(text);
-      this.hint(`${name} is on the clipboard, for views.json.`);
+      this.element.hint(`${name} is on the clipboard, for views.json.`);
     } catch {
-      this.say(text);
+      this.element.say(text);
     }
   }
 
@@ -125,19 +130,19 @@ export class Explain {
     this.byId('cross').hidden = !this.tool;
     this.marks = [];
     this.place();
-    this.say(!this.tool ? '' : `Click ${tool === 'ruler' ? 'two points' : 'a point'} of the ` +
+    this.element.say(!this.tool ? '' : `Click ${tool === 'ruler' ? 'two points' : 'a point'} of the ` +
              'surface, or press Enter for the one in the middle.');
   }
   // A click on the surface, at a result of Viewer.pick().
   picked(found) {
     if (!this.tool) return;
-    if (!found) return this.say('Nothing opaque is there.');
+    if (!found) return this.element.say('Nothing opaque is there.');
     if (this.tool === 'mark')
       return this.copy({label: 'Label', text: '', point: found.point.map((v) => +v.toFixed(3))},
                        'The note');
     this.marks = [...this.marks.slice(this.marks.length === 2 ? 2 : 0), found];
     this.place();
-    if (this.marks.length === 2) this.say(this.length().text);
+    if (this.marks.length === 2) this.element.say(this.length().text);
   }
   // Between the two points of the ruler, in world units.
   length() {
@@ -148,20 +153,36 @@ export class Explain {
 
   // Puts notes, ruler and scale bar where they belong in the view.
   place() {
-    const {viewer, notes} = this;
+    const {viewer} = this;
     if (!viewer.field?.shape) return;
-    for (const note of notes) {
-      const {x, y, far} = Object.assign(note, viewer.project(note.point));
-      note.element.style.transform = `translate(${x.toFixed(1)}px, ${y.toFixed(1)}px)`;
-      note.element.classList.toggle(
-        'left', x + note.element.offsetWidth > viewer.canvas.clientWidth);
-      if (far <= 0) this.hide(note, true);
-    }
+    this.placeNotes();
     this.byId('lines').replaceChildren(...this.ruler());
     this.scale();
     const now = performance.now();
     if (now - (this.probed ?? 0) > kProbe) this.probe();
     else this.later ??= setTimeout(() => this.probe(), kProbe);
+  }
+  // Puts each label beside its point where it covers none of a nearer note, or else only a dot.
+  placeNotes() {
+    const {clientWidth, clientHeight} = this.viewer.canvas, taken = [];
+    for (const note of this.notes) Object.assign(note, this.viewer.project(note.point));
+    for (const note of [...this.notes].sort((a, b) => a.distance - b.distance)) {
+      const {element, x, y} = note, {offsetWidth: width, offsetHeight: height} = element;
+      const box = ([u, v]) => [x - u * width, y - v * height];
+      const free = (corner) => {
+        const [left, top] = box(corner);
+        return left >= 0 && top >= 0 && left + width <= clientWidth &&
+          top + height <= clientHeight && taken.every(([l, t, w, h]) =>
+            left >= l + w || l >= left + width || top >= t + h || t >= top + height);
+      };
+      if (note.far <= 0) this.hide(note, true);
+      const corner = [note.corner ?? kCorners[0], ...kCorners].find(free);
+      const [u, v] = note.corner = corner ?? kCorners[0], [left, top] = box(note.corner);
+      if (corner && !note.behind) taken.push([left, top, width, height]);
+      element.style.transform = `translate(${left.toFixed(1)}px, ${top.toFixed(1)}px)`;
+      for (const [name, on] of Object.entries({left: u, above: v, crowded: !corner}))
+        element.classList.toggle(name, Boolean(on));
+    }
   }
   // Hides the notes that have matter in front of them.
   probe() {
@@ -172,6 +193,7 @@ export class Explain {
     this.probed = performance.now();
     const found = viewer.probe(notes.map(({x, y}) => [x, y]));
     notes.forEach((note, i) => this.hide(note, found[i]?.distance < note.distance - kBehind));
+    this.placeNotes();
   }
   hide(note, behind) {
     note.behind = behind;

@@ -24,6 +24,7 @@ export class Field {
     this.fetching = new Map();  // ranges that are being fetched → promises
     this.prepared = [];       // promises of prepare(), by level
     this.state = 0;           // that is shown
+    this.structures = [];     // names; `layers` then tells which are shown, as layersOf() does
   }
 
   add(offset, bytes) {
@@ -63,6 +64,8 @@ export class Field {
     this.manifest = JSON.parse(new TextDecoder().decode(this.manifestBytes));
     this.predicts = this.manifest.codec.startsWith('predictive');
     this.states = this.manifest.states?.map(({name}) => name) ?? [];
+    if (this.states.length > 1 && this.manifest.provenance?.structures?.only)  // as slf render
+      [this.structures, this.states] = [this.states, []];
     // Whether colours are linear radiance, so that pictures need tone mapping.
     const light = this.manifest.provenance?.lighting;
     this.radiance = light?.linear === true && light.mode !== 'direct';
@@ -128,12 +131,16 @@ export class Field {
     const named = this.states.indexOf(text), number = Number(text ?? 0);
     return named >= 0 ? named : this.states[number] === undefined ? 0 : number;
   }
-  // A page of the state that is shown, in the file.
-  inFile(page) { return this.state * this.shape.pages + page; }
+  // Pages of the state that is shown, in the file; of each structure that is shown, if there are
+  // structures.
+  inFile(pages) {
+    const states = this.structures.length > 0 ? this.layers : [this];
+    return states.flatMap(({state}) => pages.map((page) => state * this.shape.pages + page));
+  }
 
-  // Resolves to the total size of the pages' payloads.
+  // Resolves to the total size of the payloads of pages in the file.
   async payloadBytes(pages) {
-    const found = await this.find(pages.map((page) => this.tile(this.inFile(page))));
+    const found = await this.find(pages.map((page) => this.tile(page)));
     return found.reduce((sum, {begin, end}) => sum + end - begin, 0);
   }
 
@@ -151,6 +158,16 @@ export class Field {
                   down.map((v) => v * half)];
     this.native.fill(new Uint8Array(new Float64Array(view.flat()).buffer));
     return this.pagesAt(this.native.calls.slf_first_tiles(kFirstRays));
+  }
+
+  // Of these pages, those that the source fetches early or that have no payload; none if it fetches
+  // none early.
+  async early(pages) {
+    const {early} = this.source;
+    if (!early?.size) return [];
+    const found = await this.find(pages.map((page) => this.tile(this.inFile(page))));
+    return pages.filter((_, i) => found[i].state !== kStored ||
+                                  early.has(`${found[i].begin},${found[i].end}`));
   }
 
   // The pages of tiles, and of all tiles that these are predicted from, as far as the field lists

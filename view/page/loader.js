@@ -3,6 +3,7 @@
 import {kDamaged, kEmpty as kEmptyTile, kStored} from './field.js';
 import {Reader} from './reader.js';
 import {kEmpty, kFirstSlot, kMissing, kNotLoaded} from './shader.js';
+import {Composer} from './structures.js';
 
 const kBatch = 96;    // tiles that are loaded together while the view moves
 const kBatches = 2;   // batches at a time: one is fetched while another is decoded
@@ -14,8 +15,10 @@ export class Loader {
     Object.assign(this, {field, onError});
     this.reader = new Reader(field, decoders, async (tile) => {
       await this.opened;
-      this.place(tile, false);
+      if (!this.composes) this.place(tile, false);
     });
+    this.composer = new Composer(field, this.reader, decoders);
+    this.composes = field.structures.length > 0;
     this.pages = new Uint16Array(field.shape.pages);  // as the GPU's page table
     this.loading = new Set();
     this.plan = [];
@@ -26,6 +29,7 @@ export class Loader {
     this.arrivals = 0;  // tiles that came
     this.full = false;  // whether a view needed more tiles than there are slots
     this.batches = 0;   // that are being loaded now
+    this.round = 0;     // counts calls of show()
   }
 
   get tiles() { return this.used.size; }
@@ -39,9 +43,13 @@ export class Loader {
     this.free = Array.from({length: renderer.slots}, (_, i) => renderer.slots - 1 - i);
   }
 
-  // Shows another state: all pages are to be loaded anew, mostly from what the reader keeps.
-  show(state) {
-    this.field.state = state;
+  // The field shows another state, or its structures have other looks: all pages are to be loaded
+  // anew, mostly from what the reader keeps.
+  show() {
+    ++this.round;
+    this.loading = new Set();
+    this.plan = [];
+    this.batches = 0;
     this.pages.forEach((value, page) => value !== kNotLoaded &&
                                         this.renderer.setPage(page, kNotLoaded));
     this.restart(this.renderer);
@@ -66,32 +74,36 @@ export class Loader {
   // Whether tiles are being loaded.
   get busy() { return this.batches > 0; }
 
-  // Loads the plan, batch by batch.
+  read(pages) {
+    return this.composes ? this.composer.read(pages) : this.reader.read(this.field.inFile(pages));
+  }
+  // Loads the plan, batch by batch, until show() is called.
   async run(batch) {
+    const {loading, round} = this, current = () => round === this.round;
     ++this.batches;
     try {
-      while (this.plan.length > 0) {
+      while (current() && this.plan.length > 0) {
         const pages = this.plan.splice(0, batch);
-        for (const page of pages) this.loading.add(page);
-        await Promise.all(
-          this.reader.read(pages.map((page) => this.field.inFile(page))).map(async (ready) => {
-            const tile = await ready;
-            await this.opened;
-            this.place(tile);
-          }));
-        for (const page of pages) this.loading.delete(page);
+        for (const page of pages) loading.add(page);
+        await Promise.all(this.read(pages).map(async (ready) => {
+          const tile = await ready;
+          await this.opened;
+          if (current()) this.place(tile);
+        }));
+        for (const page of pages) loading.delete(page);
       }
     } catch (error) {
       this.plan = [];
       this.onError(error);
     }
-    --this.batches;
+    if (current()) --this.batches;
   }
 
   // Puts a tile into a slot. `needed`: the view needs it, not only tiles that are predicted from
   // it.
   place({page: inFile, state, color, depth}, needed = true) {
-    const page = inFile - this.field.inFile(0);  // of another state, it is not on the GPU
+    // Of another state, it is not on the GPU.
+    const page = inFile - this.field.state * this.field.shape.pages;
     if (this.pages[page] !== kNotLoaded) return;
     this.damaged += state === kDamaged;
     let value = state === kEmptyTile ? kEmpty : kMissing;

@@ -10,13 +10,13 @@ export const kMarkup = `
 <div id="compass" aria-hidden="true" hidden></div>
 <div id="scale" role="img" hidden></div>
 <p id="keys" class="unseen">Arrow keys turn the view, plus and minus zoom, Shift with arrow keys
-moves it, R resets it, Space turns it by itself, F fills the screen, H hides the panel, Page Up and
-Page Down show the saved views, M measures, P plays the states of the object, comma and period step
-through them.</p>
+moves it, R resets it, Space turns it by itself, F fills the screen, H hides the panel, L the list
+of structures, Page Up and Page Down show the saved views, M measures, P plays the states of the
+object, comma and period step through them.</p>
 <aside id="panel" aria-label="Settings">
   <header>
     <h2 id="name">Loading…</h2>
-    <button id="fold" type="button" aria-expanded="true" aria-controls="settings"
+    <button id="fold" class="fold" type="button" aria-expanded="true" aria-controls="settings"
       aria-label="Settings" title="Hide or show the panel (H)">–</button>
   </header>
   <div id="settings">
@@ -56,6 +56,21 @@ through them.</p>
       <button id="mark" type="button" aria-pressed="false">Copy a note</button>
       <button id="about" type="button">About the data</button>
     </div>
+  </div>
+</aside>
+<aside id="structures" aria-label="Structures" hidden>
+  <header>
+    <h2>Structures <span id="shown"></span></h2>
+    <button id="unroll" class="fold" type="button" aria-expanded="true" aria-controls="parts"
+      aria-label="List of structures" title="Hide or show the list (L)">–</button>
+  </header>
+  <div id="parts">
+    <div class="buttons">
+      <button id="all-on" type="button">All on</button>
+      <button id="all-off" type="button">All off</button>
+    </div>
+    <input id="find" type="search" placeholder="Find" aria-label="Find structures">
+    <ul id="list"></ul>
   </div>
 </aside>
 <nav id="views" aria-label="Saved views" hidden>
@@ -103,20 +118,21 @@ export const kStyle = `
 }
 #picture:focus-visible { outline-offset: -3px; }
 
-#panel, #views, #status, #choose, dialog, #compass, #scale {
+#panel, #structures, #views, #status, #choose, dialog, #compass, #scale {
   background: var(--panel); border: 1px solid var(--line); border-radius: 10px;
 }
-#panel {
+#panel, #structures {
   position: absolute; top: 12px; left: 12px; width: 272px; max-height: calc(100% - 24px);
   max-width: calc(100% - 24px); overflow: auto; backdrop-filter: blur(10px);
 }
-#panel header { display: flex; align-items: center; gap: 8px; padding: 0 0 0 12px; }
-#panel:has(#settings[hidden]) { width: auto; }
-#panel h2 {
+#structures { left: auto; right: 12px; width: 312px; max-height: calc(100% - 132px); }
+aside header { display: flex; align-items: center; gap: 8px; padding: 0 0 0 12px; }
+:is(#panel, #structures):has(> div[hidden]) { width: auto; }
+aside h2 {
   flex: 1; margin: 0; font-size: 14px; font-weight: 600; overflow: hidden; white-space: nowrap;
   text-overflow: ellipsis;
 }
-#settings { padding: 2px 12px 12px; display: grid; gap: 6px; }
+#settings, #parts { padding: 2px 12px 12px; display: grid; gap: 6px; }
 dl { display: grid; grid-template-columns: auto 1fr; gap: 2px 12px; margin: 0; }
 dt { color: var(--dim); }
 dd { margin: 0; text-align: right; font-variant-numeric: tabular-nums; overflow-wrap: anywhere; }
@@ -138,9 +154,31 @@ button { cursor: pointer; }
 button:hover { border-color: var(--accent); }
 button[aria-pressed="true"] { background: var(--accent); color: #06101f; }
 @media (prefers-color-scheme: light) { button[aria-pressed="true"] { color: #fff; } }
-#fold { border-color: transparent; padding: 0; font-size: 20px; }
+.fold { border-color: transparent; padding: 0; font-size: 20px; }
 .buttons { display: grid; grid-template-columns: 1fr 1fr; gap: 6px; }
 .buttons button { padding: 2px 4px; }
+
+#shown { color: var(--dim); font-weight: 400; }
+#find {
+  font: inherit; color: inherit; background: transparent; border: 1px solid var(--line);
+  border-radius: 6px; min-height: 44px; padding: 2px 8px; min-width: 0;
+}
+#list { list-style: none; margin: 0; padding: 0; display: grid; gap: 4px; }
+#list li { display: grid; grid-template-columns: 44px 1fr 44px auto; gap: 4px; }
+#list label { display: grid; gap: 0; grid-template-columns: minmax(0, 1fr); }
+#list span { overflow: hidden; white-space: nowrap; text-overflow: ellipsis; }
+#list i {
+  display: inline-block; width: 10px; height: 10px; margin-right: 6px; border-radius: 50%;
+  border: 1px solid var(--line);
+}
+#list input[type="range"] { width: 100%; min-width: 0; height: 28px; margin: 0; }
+@media (pointer: coarse) { #list input[type="range"] { height: 44px; } }
+#list input[type="color"] { width: 44px; }
+#list .off :is(span, input) { opacity: 0.6; }
+.eye[aria-pressed] { background: transparent; color: inherit; border-color: transparent; padding: 0; }
+.eye svg { width: 24px; height: 24px; fill: none; stroke: currentcolor; stroke-width: 1.8; }
+.eye[aria-pressed="true"] .slash { display: none; }
+.eye[aria-pressed="false"] { color: var(--dim); }
 
 #compass {
   position: absolute; right: 16px; bottom: 16px; width: 92px; height: 92px; border-radius: 50%;
@@ -167,9 +205,11 @@ button[aria-pressed="true"] { background: var(--accent); color: #06101f; }
   content: ''; position: absolute; left: -5px; top: -5px; width: 10px; height: 10px;
   border-radius: 50%; background: var(--accent); border: 1px solid #000;
 }
-.note.left { translate: -100% -100%; }
-.note.left::before { left: auto; top: auto; right: -5px; bottom: -5px; }
-.note.behind:not(:focus-within) { opacity: 0; pointer-events: none; }
+.note.left::before { left: auto; right: -5px; }
+.note.above::before { top: auto; bottom: -5px; }
+.note:focus-within { z-index: 1; }
+.note:is(.behind, .crowded):not(:focus-within) { pointer-events: none; background: none; }
+.note.behind:not(:focus-within), .note.crowded:not(:focus-within) > * { opacity: 0; }
 .note button { border: 0; border-radius: 22px; padding: 2px 14px; text-align: left; }
 .note p { margin: 0; padding: 0 14px 10px; }
 #cross {
@@ -183,7 +223,7 @@ button[aria-pressed="true"] { background: var(--accent); color: #06101f; }
   width: min(460px, calc(100% - 24px)); max-height: 40%; align-items: center; gap: 8px;
   padding: 8px; backdrop-filter: blur(10px); touch-action: pan-y;
 }
-#views div { flex: 1; overflow: auto; max-height: 100%; }
+#views div { flex: 1; overflow: auto; max-height: 100%; touch-action: pan-y; }
 #views button { flex: none; font-size: 22px; }
 #title { font-weight: 600; color: inherit; display: inline-block; padding: 10px 0; }
 #count { color: var(--dim); }
@@ -205,14 +245,16 @@ dialog dd { text-align: left; }
 dialog form { margin-top: 14px; text-align: right; }
 
 @container (max-width: 640px) {
+  #structures { top: 68px; left: 12px; right: auto; }
   #scale { bottom: auto; top: 20px; right: 116px; }
   #compass { top: 12px; right: 12px; bottom: auto; }
 }
 @container (max-width: 520px) {
-  #panel { max-width: calc(100% - 128px); }
+  #panel, #structures { max-width: calc(100% - 128px); }
   #scale { top: 112px; right: 12px; }
-  #panel:not(:has(#settings[hidden])) {
+  :is(#panel, #structures):not(:has(> div[hidden])) {
     top: auto; bottom: 8px; left: 8px; right: 8px; width: auto; max-width: none; max-height: 60%;
     z-index: 1;
   }
+  #structures:not(:has(> div[hidden])) { max-height: 42%; }
 }`;

@@ -1,23 +1,29 @@
 // <slf-field src="field.slf" poster="poster.jpg" views="views.json" view="30,20,3" address>: an
 // element that shows a field (doc/web.md). With `address`, as in the page of slf view and of
-// exports, the page belongs to it: its address has the view, and all keys are for it.
+// exports, the page belongs to it: its address has the view, and all keys are for it. With `own`,
+// as in slf view, it may not show fields of other hosts.
 
 import {dot} from './camera.js';
 import {attach} from './controls.js';
 import {Decoders} from './decoders.js';
 import {Explain} from './explain.js';
+import {ownColors, StructureList} from './list.js';
 import {kMarkup, kStyle} from './look.js';
 import {embeddedSource, fileSource, HttpSource} from './source.js';
+import {joined, looksOf, split, textsOf} from './structures.js';
 import {sleep, Viewer} from './viewer.js';
+import {serve} from './worker.js';
+import workerScript from 'worker-script';  // worker.js as the build bundles it
 
 const kCounts = 200;     // milliseconds between updates of the panel
 const kStep = 100;       // milliseconds that each state is shown at least while states play
-const kMaxPanel = 0.1;   // of the element that the panel covers; a larger one starts folded
+const kMaxPanel = 0.1;   // of the element that the panel covers; a larger one starts folded,
+const kMaxList = 0.16;   // and so does a larger list of structures,
+const kNarrow = 640;     // or any in an element of at most so many pixels, as in look.js
 
-// What exports have (view/bundle.h): `worker`, the script of the workers as a function, and in one
-// file also the module and the field.
-const inside = globalThis.slfInside;
-const base = document.currentScript?.src || globalThis.slfBase || document.baseURI;
+const base = document.currentScript?.src || document.baseURI;
+// The field, where it is inside the page.
+const pieces = [...document.querySelectorAll('script.piece')].map((script) => script.textContent);
 const human = (n) =>
   n < 1 << 20 ? `${(n / 1024).toFixed(0)} KiB` : `${(n / (1 << 20)).toFixed(1)} MiB`;
 const light = matchMedia('(prefers-color-scheme: light)');
@@ -27,16 +33,17 @@ sheet.replaceSync(kStyle);
 // ---- the parts that all elements share ----------------------------------------------------------
 
 const fromBase64 = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
-// Resolves to the module, as an answer. From disk and in a sandbox only scripts can be loaded.
+// Resolves to the module, as an answer. From disk and in a sandbox only scripts can be loaded; those
+// of exports define slfModule.
 async function packedModule() {
-  const answer = inside?.module ? undefined
-    : await fetch(new URL('module.bin', base)).catch(() => {});
-  if (answer?.ok) return answer;
-  if (inside && !inside.module)
+  if (!globalThis.slfModule) {
+    const answer = await fetch(new URL('module.bin', base)).catch(() => {});
+    if (answer?.ok) return answer;
     await new Promise((done) => document.head.append(Object.assign(
       document.createElement('script'),
       {src: new URL('module.bin.js', base), onload: done, onerror: done})));
-  if (inside?.module) return new Response(fromBase64(inside.module));
+  }
+  if (globalThis.slfModule) return new Response(fromBase64(globalThis.slfModule));
   throw new Error('A part of this page cannot be loaded: module.bin.');
 }
 async function compileModule() {
@@ -61,14 +68,11 @@ const loadModule = () => {
 };
 
 // A worker, and what stands in for one where the host of the page forbids workers.
-function makeWorker() {
-  if (!inside) return new Worker('worker.js', {type: 'module'});
-  return new Worker(URL.createObjectURL(new Blob([`(${inside.worker})(self)`])));
-}
+const makeWorker = () => new Worker(URL.createObjectURL(new Blob([workerScript])));
 function makeStandIn() {
   const port = {postMessage: (data) => setTimeout(() => self.onmessage({data}))};
   const self = {postMessage: (data) => port.onmessage({data})};
-  inside.worker(self);
+  serve(self);
   return port;
 }
 
@@ -105,8 +109,11 @@ export class SlfField extends HTMLElement {
     if (poster)
       this.byId('picture').before(Object.assign(new Image(), {src: poster, alt: '', id: 'poster'}));
     this.byId('fold').onclick = () => this.fold();
-    this.explain = new Explain(viewer, this.byId, this.say.bind(this), this.hint.bind(this),
-                               this.whole);
+    this.byId('unroll').onclick = () => this.unroll();
+    this.explain = new Explain(this, this.byId);
+    this.list = new StructureList(this.byId, (looks) => this.showLooks(looks));
+    const structures = this.getAttribute('structures');
+    if (structures !== null) this.settings.structures = split(structures);
     viewer.camera.fromText(this.getAttribute('view'));
     this.settings.state = this.getAttribute('state');
     if (this.whole) this.readFragment();
@@ -141,6 +148,24 @@ export class SlfField extends HTMLElement {
   // world units, or null.
   pick(x, y) { return this.viewer.pick(x, y); }
 
+  // The structures that are shown, and how: texts as slf render --structure takes them.
+  get structures() { return this.settings?.structures ?? ['*']; }
+  // Also takes one text, as the page's address has it.
+  set structures(given) {
+    if (!this.settings) return this.setAttribute('structures', joined(split(given)));
+    this.settings.structures = split(given);
+    const names = this.list.names;
+    if (!names) return;  // later
+    const {looks, unknown} = looksOf(names, this.settings.structures);
+    if (unknown.length > 0) this.hint(`This field has no structure named ${unknown.join(', ')}.`);
+    this.list.show(looks);
+    this.showLooks(looks);
+  }
+  static observedAttributes = ['structures'];
+  attributeChangedCallback(name, before, value) {
+    if (this.settings) this.structures = value ?? '*';
+  }
+
   tell(name, detail) {
     this.dispatchEvent(new CustomEvent(name, {detail, bubbles: true, composed: true}));
   }
@@ -163,7 +188,7 @@ export class SlfField extends HTMLElement {
   async start() {
     const {viewer} = this, coming = loadModule();
     this.source = await this.findField();
-    const decoders = new Decoders(makeWorker, inside && makeStandIn);
+    const decoders = new Decoders(makeWorker, makeStandIn);
     await viewer.open(this.source, coming, decoders);
     this.say('');
     this.fillPanel();
@@ -187,12 +212,9 @@ export class SlfField extends HTMLElement {
   // Where the field is: inside the page; where ?field=ADDRESS says; or where `src` does.
   async findField() {
     const src = this.getAttribute('src');
-    if (inside?.size && !src) {
-      const pieces = [...document.querySelectorAll('script.piece')].map((s) => s.textContent);
-      return embeddedSource(pieces, inside.pieceBytes, inside.size);
-    }
+    if (pieces.length > 0 && !src) return embeddedSource(pieces);
     const given = this.whole ? new URLSearchParams(location.search).get('field') : undefined;
-    if (given && !inside)
+    if (given && this.hasAttribute('own'))
       throw new Error('slf view shows only its own fields; the page of slf export shows others.');
     let url;
     try {
@@ -203,6 +225,9 @@ export class SlfField extends HTMLElement {
     if (url.protocol === 'file:') return fileSource(await this.chosenFile());
     return new HttpSource(url, {
       small: this.whole,
+      // The tiles of the first picture, as the exporter found them.
+      first: given || this.turned ? [] : (this.getAttribute('first') ?? '').split(' ')
+        .filter(Boolean).map((range) => range.split('-').map(Number)),
       onProgress: (done, total) => this.say('This host serves only whole files. Fetched ' +
         human(done) + (total ? ` of ${human(total)}` : '')),
       onError: (error) => this.viewer.fail(error),
@@ -247,13 +272,15 @@ export class SlfField extends HTMLElement {
     this.tell('camera', {view: this.viewer.camera.toText()});
   }
   keepLink() {
-    if (this.whole) history.replaceState(null, '', this.fragment());
+    if (this.whole && location.protocol !== 'about:')  // not that of a notebook
+      history.replaceState(null, '', this.fragment());
   }
   fragment() {
     const {settings} = this;
-    const {states, state} = this.viewer.field;
+    const {states, state, structures} = this.viewer.field;
     return `#view=${this.viewer.camera.toText()}&mode=${settings.mode}&level=${settings.level}` +
            (states.length > 1 ? `&state=${encodeURIComponent(states[state])}` : '') +
+           (structures.length > 0 ? `&structures=${joined(this.structures)}` : '') +
            `&background=${settings.background.slice(1)}` + (this.viewer.field.radiance
              ? `&curve=${settings.curve}&exposure=${settings.exposure}` : '');
   }
@@ -264,6 +291,11 @@ export class SlfField extends HTMLElement {
       this.shadowRoot.querySelector('slot').hidden = this.turned = true;  // not of this view
     }
     if (given.has('state')) settings.state = given.get('state');
+    // Of structures, a state is one of them.
+    const parts = /[#&]structures=([^&]*)/.exec(location.hash);  // with its commas as they are
+    if (parts) settings.structures = split(parts[1]);
+    else if (given.has('state')) settings.structures = [given.get('state')];
+    if (parts) this.shadowRoot.querySelector('slot').hidden = this.turned = true;
     if (given.has('saved')) this.explain.go(given.get('saved') - 1);
     if (['depth', 'bitri'].includes(given.get('mode'))) settings.mode = given.get('mode');
     if (/^(auto|\d{1,2})$/.test(given.get('level') ?? '')) settings.level = given.get('level');
@@ -297,8 +329,8 @@ export class SlfField extends HTMLElement {
   showCounts() {
     const {source, loader, rate} = this.viewer;
     this.byId('rate').textContent = rate ? rate.toFixed(0) : '–';
-    this.byId('bytes').textContent = inside?.size && !this.getAttribute('src') ? human(source.size)
-      : `${human(source.bytes)} (${(100 * source.bytes / source.size).toFixed(0)} %)`;
+    this.byId('bytes').textContent =
+      `${human(source.bytes)} (${(100 * source.bytes / source.size).toFixed(0)} %)`;
     this.byId('tiles').textContent = String(loader.tiles);
     if (loader.damaged > 0)
       this.say(`${loader.damaged} damaged tiles: coarser ones stand in. slf verify says more.`);
@@ -310,6 +342,7 @@ export class SlfField extends HTMLElement {
     const facts = {
       Source: p.source ? name(p.source) : p.name,
       State: this.settings.state,
+      Structures: this.list.names?.length,
       Kind: p.kind,
       Voxels: p.dims?.join(' × '),
       Colours: p.transfer?.[0]?.Name,
@@ -388,7 +421,7 @@ export class SlfField extends HTMLElement {
       moved, tap,
       hears: this.whole ? globalThis : this,
       wheels: () => this.whole || this.shadowRoot.activeElement,
-      keys: {r: reset, f: fill, h: () => this.fold(), ' ': toggleSpin,
+      keys: {r: reset, f: fill, h: () => this.fold(), l: () => this.unroll(), ' ': toggleSpin,
              m: () => explain.use('ruler'), p: () => this.play(), ',': () => this.showState(viewer.field.state - 1),
              '.': () => this.showState(viewer.field.state + 1),
              pageup: () => explain.go(explain.at - 1), pagedown: () => explain.go(explain.at + 1),
@@ -396,15 +429,23 @@ export class SlfField extends HTMLElement {
     });
   }
   // Hides or shows the settings.
-  fold() {
-    const hidden = this.byId('settings').hidden = !this.byId('settings').hidden;
-    this.byId('fold').textContent = hidden ? '+' : '–';
-    this.byId('fold').setAttribute('aria-expanded', String(!hidden));
+  fold() { this.toggle('settings', 'fold'); }
+
+  // Hides or shows the list of structures.
+  unroll() { this.toggle('parts', 'unroll'); }
+  toggle(id, by) {
+    const hidden = this.byId(id).hidden = !this.byId(id).hidden;
+    this.byId(by).textContent = hidden ? '+' : '–';
+    this.byId(by).setAttribute('aria-expanded', String(!hidden));
+    const [other, otherBy] = id === 'parts' ? ['settings', 'fold'] : ['parts', 'unroll'];
+    if (!hidden && this.offsetWidth <= kNarrow && !this.byId(other).hidden)
+      this.toggle(other, otherBy);
   }
 
   showChoices() {
     for (const name of kChoices) this.byId(name).value = this.settings[name];
     this.showState(this.viewer.field.stateNumber(this.settings.state));
+    if (this.list.names) this.structures = this.structures;
   }
   // Shows a state of the field, by its number; from the last one, the next is the first.
   showState(number) {
@@ -413,6 +454,19 @@ export class SlfField extends HTMLElement {
     this.settings.state = field.states[state];
     this.byId('state').value = state;
     this.viewer.showState(state);
+  }
+  // Shows structures. While a picture of others is on its way, only the last looks wait for it.
+  async showLooks(looks) {
+    const {viewer} = this, waits = this.looks !== undefined;
+    this.settings.structures = textsOf(viewer.field.structures, looks);
+    this.looks = looks;
+    while (!waits && this.looks && !viewer.failed) {
+      if (!viewer.stale) {
+        viewer.showStructures(this.looks);
+        this.looks = undefined;
+      }
+      await sleep(5);
+    }
   }
   // Shows the states one after another, or stops that.
   async play() {
@@ -442,6 +496,14 @@ export class SlfField extends HTMLElement {
     if (Number(settings.level) > shape.levels) settings.level = 'auto';
     viewer.field.states.forEach((state, number) => byId('state').append(new Option(state, number)));
     byId('states').hidden = viewer.field.states.length < 2;
+    if (viewer.field.structures.length > 0) {
+      this.list.fill(viewer.field.structures, ownColors(m));
+      byId('structures').hidden = false;
+      const {offsetWidth, offsetHeight} = byId('structures');
+      if (this.offsetWidth <= kNarrow ||
+          offsetWidth * offsetHeight > kMaxList * this.offsetWidth * this.offsetHeight)
+        this.unroll();
+    }
     this.showChoices();
     byId('tones').hidden = !viewer.field.radiance;
     byId('marks').checked = p.kind === 'volume';

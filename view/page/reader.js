@@ -102,8 +102,9 @@ export class Reader {
 
   // Keeps a tile that others may be predicted from, or may be the same as.
   finish(tile, isOwn) {
-    const {predicts, shape, states} = this.field;
-    if (isOwn && (states.length > 1 || (predicts && tile.level < shape.levels)))
+    const {predicts, shape, states, structures} = this.field;
+    if (isOwn && (states.length + structures.length > 1 ||
+                  (predicts && tile.level < shape.levels)))
       this.cache.set(tile.page, tile, tile.samples.byteLength);
     else
       this.cache.remove(tile.page);

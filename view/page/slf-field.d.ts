@@ -8,7 +8,8 @@ export interface Pick {
 }
 
 /**
- * `<slf-field src="field.slf" poster="poster.jpg" view="30,20,3" views="views.json">`
+ * `<slf-field src="field.slf" poster="poster.jpg" view="30,20,3" views="views.json">`, and for a
+ * field of structures `structures="left lobe,stem:0.3:#ffd0b0"`, where %2C is a comma of a name.
  *
  * Events: `ready`, `camera` (detail: `{view}`), `pick` (detail: Pick), `error` (detail:
  * `{message}`).
@@ -19,6 +20,12 @@ export class SlfField extends HTMLElement {
    * the field's sphere. Resolves when it is there.
    */
   flyTo(view: string): Promise<void>;
+  /**
+   * The structures that are shown: NAME[:OPACITY][:#RRGGBB] each, as slf render --structure takes
+   * them. Also takes one text, as the attribute has it.
+   */
+  get structures(): string[];
+  set structures(shown: string[] | string);
   /** What is shown, as a picture of this media type; default: image/png. */
   picture(type?: string): Promise<Blob>;
   /** What a place of the element shows, in CSS pixels; null where nothing opaque is shown. */

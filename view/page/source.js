@@ -42,16 +42,18 @@ const kCutShort = 'The host cut an answer short.';
 
 // A file on a host of static files, read by ranges. Without ranges, a small file is fetched whole.
 export class HttpSource {
-  // `small`: style.css is on the same host. `onProgress(done, total)` is called while a file is
-  // fetched whole; NaN: the total is unknown. `onError(error)`: the file has changed after parts of
-  // it were read. `onWait(waits)`: the host is silent, or answers again.
-  constructor(url, {small = true, onProgress, onError, onWait} = {}) {
+  // `small`: style.css is on the same host. `first`: the ranges that readAll() will be asked for
+  // first. `onProgress(done, total)` is called while a file is fetched whole; NaN: the total is
+  // unknown. `onError(error)`: the file has changed after parts of it were read. `onWait(waits)`:
+  // the host is silent, or answers again.
+  constructor(url, {small = true, first = [], onProgress, onError, onWait} = {}) {
     this.url = new URL(url, document.baseURI);
-    Object.assign(this, {small, onProgress, onError, onWait});
+    Object.assign(this, {small, first, onProgress, onError, onWait});
     this.bytes = this.requests = 0;
     this.roundTrips = 0;  // the longest chain of answers, each before the next request
     this.kept = [];       // answers with bytes that were not asked for, the oldest first
     this.wants = [];      // the ranges that load() will request
+    this.early = new Map();  // promises of the bytes of `first`, by range
     this.several = false;  // whether the host serves several ranges in one answer
   }
   // Whether the field is on the host of the page.
@@ -61,10 +63,10 @@ export class HttpSource {
   open() { return this.opened ??= this.readEnds(); }
   async readEnds() {
     const came = (answer) => answer.whole && this.onProgress?.(answer.have, answer.length);
-    const [several, start, tail] = await Promise.all([
+    const ending = this.request(`-${kEnd}`, {retries: 0}).catch(() => {});
+    const [several, start] = await Promise.all([
       servesSeveral(this.small && this.beside ? kSmallFile : this.url),
-      this.request(`0-${kStart - 1}`, {orWhole: true, came}),
-      this.request(`-${kEnd}`, {retries: 0}).catch(() => {})]);
+      this.request(`0-${kStart - 1}`, {orWhole: true, came})]);
     if (start.parts.length === 0) throw new Error('The field is empty.');
     this.several = several && !start.whole;
     if (start.whole) {
@@ -72,6 +74,10 @@ export class HttpSource {
       this.kept.push(start);  // it has all that readAll() will be asked for
     }
     this.size = start.parts[0].total ?? await this.length();
+    // Without several ranges in an answer, these would cost many requests.
+    const first = this.several ? this.first.filter(([, end]) => end <= this.size) : [];
+    this.readAll(first).forEach((bytes, i) => this.early.set(String(first[i]), bytes));
+    const tail = await ending;
     const from = Math.max(0, this.size - kEnd);
     // Some hosts do not serve the end of a file unless they are told where it begins.
     const end = [start, tail].find((answer) => answer?.read(from, this.size)) ??
@@ -107,10 +113,14 @@ export class HttpSource {
   // Starts to read ranges [begin, end), in any order, in few requests. Returns a promise of the
   // bytes of each range. It is fulfilled once these have come, before the rest of their answer.
   readAll(ranges) {
-    const wants = ranges.map(([begin, end]) => new Want(begin, end));
-    if (this.wants.length === 0) setTimeout(() => this.load());
-    this.wants.push(...wants);
-    return wants.map((want) => want.bytes);
+    return ranges.map((range) => {
+      const early = this.early.get(String(range));
+      if (early) return early;
+      if (this.wants.length === 0) setTimeout(() => this.load());
+      const want = new Want(...range);
+      this.wants.push(want);
+      return want.bytes;
+    });
   }
   // Fetches together what several calls of readAll() have asked for.
   load() {
@@ -171,13 +181,13 @@ export class HttpSource {
     const trip = this.roundTrips + 1;
     for (let attempt = 0;; ++attempt) {
       const stop = new AbortController();
-      let wrong, timer;
+      let wrong, refusal, timer;
       const awaited = (promise) => {
         clearTimeout(timer);
         timer = setTimeout(() => stop.abort(), kSilent);
         return promise;
       };
-      const refuse = (text) => { throw new Error(wrong = text); };
+      const refuse = (text) => { throw refusal = new Error(text); };
       try {
         ++this.requests;
         // A browser's cache would split a range around the parts of it that it has.
@@ -207,7 +217,7 @@ export class HttpSource {
         wrong = status === 404 ? 'The field is not there (404).' : `The host answered ${status}.`;
         if (status < 500 && status !== 429) refuse(wrong);
       } catch (error) {
-        if (error.message === wrong) throw error;
+        if (error === refusal) throw error;
         wrong = this.silence();
       } finally {
         clearTimeout(timer);
@@ -388,15 +398,19 @@ class LocalSource {
 export const fileSource = (file) => new LocalSource(file.size, async (begin, end) =>
   new Uint8Array(await file.slice(begin, end).arrayBuffer()));
 
-// A file inside the page, as pieces of base64. Each piece but the last has a multiple of 3 bytes.
-export const embeddedSource = (pieces, pieceBytes, size) => new LocalSource(size, (begin, end) => {
-  const bytes = new Uint8Array(end - begin);
-  for (let at = begin; at < end;) {
-    const piece = Math.floor(at / pieceBytes), from = at - piece * pieceBytes;
-    const to = Math.min(from + end - at, pieceBytes), first = Math.floor(from / 3);
-    const text = atob(pieces[piece].slice(first * 4, Math.ceil(to / 3) * 4));
-    for (let i = from; i < to; ++i) bytes[at - begin + i - from] = text.charCodeAt(i - first * 3);
-    at += to - from;
-  }
-  return bytes;
-});
+// A file inside the page, as pieces of base64. All but the last are equally long, without padding.
+export function embeddedSource(pieces) {
+  const sizes = pieces.map((piece) => piece.length / 4 * 3 - piece.match(/=*$/)[0].length);
+  const size = sizes.reduce((sum, count) => sum + count);
+  return new LocalSource(size, (begin, end) => {
+    const bytes = new Uint8Array(end - begin);
+    for (let at = begin; at < end;) {
+      const piece = Math.floor(at / sizes[0]), from = at - piece * sizes[0];
+      const to = Math.min(from + end - at, sizes[0]), first = Math.floor(from / 3);
+      const text = atob(pieces[piece].slice(first * 4, Math.ceil(to / 3) * 4));
+      for (let i = from; i < to; ++i) bytes[at - begin + i - from] = text.charCodeAt(i - first * 3);
+      at += to - from;
+    }
+    return bytes;
+  });
+}

@@ -7,6 +7,7 @@ import {add, Camera, dot} from './camera.js';
 import {Field} from './field.js';
 import {Loader} from './loader.js';
 import {Renderer} from './renderer.js';
+import {layersOf, looksOf} from './structures.js';
 
 const kTileBytes = 192 << 20;  // of textures
 const kFrame = 40;             // milliseconds: slower frames of a moving camera have fewer pixels,
@@ -40,6 +41,8 @@ export class Viewer {
     this.seen = true;        // whether the canvas is in sight
     // first, complete: traffic() until the first picture, and until the first complete one
     // stuck: the view and the tiles with which level 0 was incomplete, if it is
+    // again: whether the view is loaded again, as before
+    // stale: whether the canvas shows another state, or structures with other looks
     // maskOf: the view that the renderer's mask is of
   }
 
@@ -74,13 +77,17 @@ export class Viewer {
     const field = this.field = new Field(source, await module);
     await field.open();
     field.state = field.stateNumber(this.settings.state);
+    field.layers = layersOf(looksOf(field.structures, this.settings.structures).looks);
     decoders.open(field);
     this.loader = new Loader(field, decoders, fail);
     // The tiles that matter most come while the graphics card makes room.
-    const level0 = await this.allOfLevel0(kTiny);
-    this.loader.want(level0.length > 0 ? level0
-      : field.firstTiles(this.camera, canvas.width, canvas.height), true);
-    field.prepare(this.view().level).catch(fail);
+    let first = await this.allOfLevel0(kTiny);
+    if (first.length === 0) first = await field.early(this.pagesOfLevel0());
+    if (first.length === 0) first = field.firstTiles(this.camera, canvas.width, canvas.height);
+    this.loader.want(first, true);
+    // The tiles of the first picture need the whole network.
+    Promise.allSettled(source.early?.values() ?? [])
+      .then(() => field.prepare(this.view().level)).catch(fail);
     await sleep(4);
     this.renderer.open(field.shape, kTileBytes);
     this.loader.restart(this.renderer);
@@ -144,10 +151,24 @@ export class Viewer {
   // Shows another state of the field. Until its level 0 is there, the canvas keeps the picture.
   showState(state) {
     if (state === this.field.state) return;
-    this.loader.show(state);
+    this.field.state = state;
+    this.reload();
+    this.moved();
+  }
+  // The same for structures, by their looks.
+  showStructures(looks) {
+    const layers = layersOf(looks);
+    if (JSON.stringify(layers) === JSON.stringify(this.field.layers)) return;
+    this.field.layers = layers;
+    this.again = true;
+    this.reload();
+    this.changed();
+  }
+  reload() {
+    this.loader.show();
+    this.stale = true;
     this.stuck = undefined;
     this.reached = -1;
-    this.moved();
   }
 
   // Turns the camera to another place, given as Camera.toText() says, in an eased flight.
@@ -258,6 +279,7 @@ export class Viewer {
     await this.quickly(view, kFrame);
     if (this.lost) return;
     this.renderer.fade(1);
+    this.stale = false;
     ++this.frames;
     this.on.shown();
   }
@@ -289,6 +311,7 @@ export class Viewer {
 
   // Fades in the picture that was drawn.
   show() {
+    this.stale = false;
     this.fading = calm.matches || !this.first ? 1 : kFade;
   }
 
@@ -339,9 +362,12 @@ export class Viewer {
       }
       const view = this.view(), asked = this.version;
       const moving = this.first && this.moves(performance.now());
+      // Other structures need nearly the same tiles.
+      const again = this.again && needed.size > 0 && !moving;
+      this.again = false;
       if (view.stamp !== seen) {
         seen = view.stamp;
-        needed = new Set();
+        if (!again) needed = new Set();
         thorough = false;
         this.reached = -1;
       }
@@ -362,7 +388,7 @@ export class Viewer {
         continue;
       }
       const [pages] = await Promise.all(
-        [thorough ? this.renderer.askAll(view) : this.askFew(view, moving),
+        [again ? [] : thorough ? this.renderer.askAll(view) : this.askFew(view, moving),
          field.prepare(view.level)]);
       if (this.failed || this.lost) continue;
       for (const at of pages) needed.add(at);
@@ -377,6 +403,8 @@ export class Viewer {
       } else {
         await this.arrived(view, !thorough);
         thorough = true;
+        for (let level = view.level; again && level >= 0 && this.stale && this.current(asked);)
+          await this.showCoarse(view, level--);
       }
     }
   }
@@ -409,7 +437,7 @@ export class Viewer {
       if (begin < next || this.drawing) continue;
       const reach = many ? Math.min(view.level - 1, ...this.renderer.survey(view)) : -1;
       if (reach > this.reached && await this.showCoarse(view, reach)) this.reached = reach;
-      else if (many) await this.sharpen(view);
+      else if (many && !this.stale) await this.sharpen(view);
       const now = performance.now();
       next = this.first ? now + Math.max(kLook, now - begin) : now;
     }
@@ -424,10 +452,16 @@ export class Viewer {
     if (!this.failed && !this.lost) this.loader.want([...needed, ...pages]);
   }
 
+  // The pages of level 0, if they are few.
+  pagesOfLevel0() {
+    const {pageBase, pages} = this.field.shape, count = pageBase[1] || pages;
+    return count <= kMaxSmall ? [...Array(count).keys()] : [];
+  }
   // Resolves to the pages of level 0 if these have at most so many bytes: then a camera that turns
   // always has something to draw, and many tiles are predicted from it.
   async allOfLevel0(most) {
-    const {pageBase, pages} = this.field.shape, all = [...Array(pageBase[1] || pages).keys()];
-    return all.length <= kMaxSmall && await this.field.payloadBytes(all) <= most ? all : [];
+    const inFile = this.field.inFile(this.pagesOfLevel0());
+    return inFile.length <= kMaxSmall && await this.field.payloadBytes(inFile) <= most ?
+        this.pagesOfLevel0() : [];
   }
 }

@@ -1,38 +1,52 @@
-// The script of a worker, which decodes tiles.
+// The script of a worker, which decodes tiles. The page has it as text, and imports serve() for
+// hosts that forbid workers.
 import {Native} from './module.js';
 
-let native;
-const copies = new Map();  // of samples that tiles are predicted from, by page
-
-function open({module, manifest, tables}) {
-  native = new Native(module);
-  native.fill(manifest);
-  native.check(native.calls.slf_manifest());
-  native.fill(tables);
-  native.check(native.calls.slf_codec());
+// Answers the messages of a port.
+export function serve(port) {
+  let native;
+  const copies = new Map();  // of samples that tiles are predicted from, by page
+  const samples = () =>
+    native.bytes(native.calls.slf_samples(), native.calls.slf_sample_bytes()).slice();
+  const actions = {
+    open({module, manifest, tables}) {
+      native = new Native(module);
+      native.fill(manifest);
+      native.check(native.calls.slf_manifest());
+      native.fill(tables);
+      native.check(native.calls.slf_codec());
+    },
+    decode({level, entry, exit, payload, references, forget}) {
+      for (const page of forget) copies.delete(page);
+      for (const {page, samples} of references) if (samples) copies.set(page, samples);
+      for (const reference of references) {
+        native.fill(copies.get(reference.page));
+        native.check(
+          native.calls.slf_add_reference(reference.level, reference.entry, reference.exit));
+      }
+      native.fill(payload);
+      native.check(native.calls.slf_decode(level, entry, exit));
+      return samples();
+    },
+    compose({layers, linear}) {
+      for (const {samples: own, opacity, tint} of layers) {
+        native.fill(own);
+        const color = [1, 3, 5].map((i) => parseInt(tint.slice(i, i + 2), 16) / 255);
+        native.calls.slf_add_layer(opacity, ...color, linear);
+      }
+      native.calls.slf_compose();
+      return samples();
+    },
+  };
+  port.onmessage = ({data}) => {
+    try {
+      const result = actions[data.action](data);
+      const transfer = result instanceof Uint8Array ? [result.buffer] : [];
+      port.postMessage({id: data.id, result}, transfer);
+    } catch (error) {
+      port.postMessage({id: data.id, error: String(error.message ?? error)});
+    }
+  };
 }
 
-function decode({level, entry, exit, payload, references, forget}) {
-  for (const page of forget) copies.delete(page);
-  for (const {page, samples} of references) if (samples) copies.set(page, samples);
-  for (const reference of references) {
-    native.fill(copies.get(reference.page));
-    native.check(
-      native.calls.slf_add_reference(reference.level, reference.entry, reference.exit));
-  }
-  native.fill(payload);
-  native.check(native.calls.slf_decode(level, entry, exit));
-  return native.bytes(native.calls.slf_samples(), native.calls.slf_sample_bytes()).slice();
-}
-
-const actions = {open, decode};
-
-self.onmessage = ({data}) => {
-  try {
-    const result = actions[data.action](data);
-    const transfer = result instanceof Uint8Array ? [result.buffer] : [];
-    self.postMessage({id: data.id, result}, transfer);
-  } catch (error) {
-    self.postMessage({id: data.id, error: String(error.message ?? error)});
-  }
-};
+if (!globalThis.document) serve(globalThis);

@@ -25,6 +25,7 @@
 #include "field/manifest.h"
 #include "field/reference_index.h"
 #include "field/tile_coder.h"
+#include "field/tiles/compose_samples.h"
 #include "storage/ranged_store.h"
 
 #define SLF_EXPORT(name) extern "C" __attribute__((export_name(#name)))
@@ -58,6 +59,8 @@ struct Module {
   std::unique_ptr<codec::Codec> codec;
   std::unique_ptr<TileCoder> coder;     // with the codec
   std::map<TileKey, Bytes> references;  // for the next tile to decode
+  // For the next tile to compose: what each structure that is shown has of it.
+  std::vector<std::pair<Bytes, glm::vec4>> layers;
   Bytes samples;
 };
 
@@ -369,6 +372,27 @@ int slf_decode(std::uint32_t level, std::uint32_t entry, std::uint32_t exit) {
   for (const auto& [of, samples] : references) from.push_back({{of}, samples});
   const auto decoded = m.coder->decode(key, m.buffer, from, m.samples);
   return decoded ? kDone : failed(decoded.error());
+}
+
+/// Adds a structure to the next tile to compose, in front of those that follow at one depth. The
+/// buffer holds the samples of its tile. Its opacity and sRGB tint are from 0 to 1; `linear`: its
+/// colours are radiance.
+SLF_EXPORT(slf_add_layer)
+void slf_add_layer(float opacity, float red, float green, float blue, int linear) {
+  Module& m = module();
+  m.layers.emplace_back(std::move(m.buffer),
+                        layer_factor(opacity, {red, green, blue}, linear != 0));
+  m.buffer = {};
+}
+
+/// Composes the layers, at least one and all of one size, and drops them.
+SLF_EXPORT(slf_compose) void slf_compose() {
+  Module& m = module();
+  const auto added = std::exchange(m.layers, {});
+  std::vector<TileLayer> layers;
+  for (const auto& [samples, factor] : added) layers.push_back({samples, factor});
+  m.samples.resize(added.front().first.size());
+  compose_samples(layers, m.manifest->format, m.samples);
 }
 SLF_EXPORT(slf_samples) const std::byte* slf_samples() { return module().samples.data(); }
 SLF_EXPORT(slf_sample_bytes) std::size_t slf_sample_bytes() { return module().samples.size(); }

@@ -13,6 +13,6 @@ set(SLF_PORTABLE_SOURCES
   codec/predictive_tables.cc codec/log_colors.cc codec/rans.cc codec/dct.cc
   field/predict/prediction_kernel.cc field/predict/predictor.cc field/predict/references.cc
   field/predict/upsample_kernel.cc
-  field/tile_coder.cc field/reference_index.cc
+  field/tile_coder.cc field/reference_index.cc field/tiles/compose_samples.cc
   field/manifest.cc field/geometry/lattice.cc field/geometry/section.cc
   field/geometry/level_geometry.cc field/geometry/shape.cc field/geometry/sphere.cc)

@@ -20,6 +20,7 @@
 #include "slf/path_tracer.h"
 #include "slf/raycaster.h"
 #include "tests/field/scene/light_samples.h"
+#include "tests/instruction_set.h"
 
 namespace slf {
 namespace {
@@ -208,6 +209,55 @@ TEST(Light, TransmittanceFollowsBeerAndLambert) {
     const double noise = std::sqrt(expected * (1 - expected) / kFlights);
     EXPECT_NEAR(static_cast<double>(passed) / kFlights, expected, 4 * noise + 1e-6);
   }
+}
+
+TEST(Light, OpticalDepthsAddUpExtinctionsOfEveryKindOfVoxel) {
+  const auto check = [&]<class T>(T, ScalarType type, double low, bool labels = false) {
+    Volume volume;
+    volume.dims = {17, 15, 13};
+    volume.type = type;
+    volume.labels = labels;
+    volume.source = "test";
+    for (int k = 0; k < 17 * 15 * 13; ++k) {
+      const int x = k % 17, y = k / 17 % 15, z = k / (17 * 15);
+      const auto voxel = static_cast<T>(low + (labels ? x / 3 % 3 : (x * x + 3 * y + z * z) % 60));
+      const auto* bytes = reinterpret_cast<const std::byte*>(&voxel);
+      volume.voxels.insert(volume.voxels.end(), bytes, bytes + sizeof voxel);
+    }
+    const double visible = low + (labels ? 1 : 25);
+    const auto scene = make_volume_scene(
+        volume, material({1, 1, 1}, {{visible - 1, 0}, {visible, 0.1}, {low + 60, 0.4}}),
+        lit(kWhiteSky));
+    ASSERT_TRUE(scene) << scene.error().message;
+    const Medium medium((*scene)->grid);
+    testing::with_each_instruction_set([&](const char* instruction_set) {
+      std::mt19937 random(3);
+      int thin = 0;
+      for (int k = 0; k < 200; ++k) {
+        const glm::dvec3 from = glm::dvec3(8, 7, 6) + random_point(random, 5);
+        const glm::dvec3 along = medium.per_world(random_point(random, 1));
+        double expected = 0;
+        for (double t = 0.3 * Medium::kStep; t < 6; t += Medium::kStep) {
+          const glm::dvec3 at = from + t * along;
+          if (glm::all(glm::greaterThanEqual(at, (*scene)->grid.visible_low)) &&
+              glm::all(glm::lessThan(at, (*scene)->grid.visible_high)))
+            expected += Medium::kStep * medium.extinction(at);
+        }
+        const double depth = medium.optical_depth(from, along, 6, 0.3);
+        thin += depth > 0 && depth < Medium::kDark;
+        EXPECT_NEAR(std::min(depth, Medium::kDark), std::min(expected, Medium::kDark),
+                    1e-2 * expected + 1e-5)
+            << name(type) << " " << instruction_set;
+      }
+      EXPECT_GT(thin, 100);
+    });
+  };
+  check(std::uint8_t{}, ScalarType::u8, 150);
+  check(std::int8_t{}, ScalarType::i8, -30);
+  check(std::uint16_t{}, ScalarType::u16, 40000);
+  check(std::int16_t{}, ScalarType::i16, -30);
+  check(float{}, ScalarType::f32, -30);
+  check(std::uint8_t{}, ScalarType::u8, 0, true);
 }
 
 TEST(Light, SingleScatteringInASlabHasAClosedForm) {

@@ -130,6 +130,22 @@ TEST(Raycaster, TheDefaultStepIsConverged) {
   }
 }
 
+TEST(Raycaster, ColoursThatChangeWhereMatterBeginsAreConverged) {
+  // A smooth ball whose surface is opaque within a third of a voxel, and blue outside.
+  const auto volume =
+      make_volume<std::uint8_t>({40, 40, 40}, ScalarType::u8, [](int x, int y, int z) {
+        const double r = glm::distance(glm::dvec3(x, y, z), glm::dvec3(19.7, 20.2, 19.9));
+        return std::clamp(45 * (17 - r), 0.0, 150.0);
+      });
+  TransferFunction t;
+  t.colors = {{20, {0.2, 0.3, 0.9}}, {80, {1, 0.7, 0.3}}};
+  t.opacities = {{60, 0, 0.5, 0}, {75, 1, 0.5, 0}};
+  RaycastOptions options, fine;
+  options.shade = fine.shade = false;
+  fine.step = 0.05;
+  EXPECT_GT(psnr_between(*make(volume, t, options), *make(volume, t, fine)), 48);
+}
+
 TEST(Raycaster, LabelsEndHalfwayBetweenVoxels) {
   auto v = make_volume<std::uint8_t>({12, 12, 12}, ScalarType::u8,
                                      [](int x, int, int) { return x >= 4 && x <= 6 ? 7 : 0; });

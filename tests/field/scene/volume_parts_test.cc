@@ -1,5 +1,5 @@
 // Label tables, structures and masks.
-#include "slf/structures.h"
+#include "slf/volume_parts.h"
 
 #include <gtest/gtest.h>
 
@@ -170,12 +170,12 @@ RaySample along_z(const RaycastOptions& options, double x) {
   return (*made)->trace({x, 9, -20}, {x, 9, 40});
 }
 
-TEST(Structures, StandInTheirOwnColours) {
+TEST(VolumeParts, StandInTheirOwnColours) {
   RaycastOptions options;
   options.shade = false;
-  options.structures.labels = halves(20, 10);
-  options.structures.styles = {{1, {"red", glm::dvec3(1, 0, 0), 1}},
-                               {2, {"faint", glm::dvec3(0, 1, 0), 0.1}}};
+  options.parts.labels = halves(20, 10);
+  options.parts.styles = {{1, {"red", glm::dvec3(1, 0, 0), 1}},
+                          {2, {"faint", glm::dvec3(0, 1, 0), 0.1}}};
   const RaySample red = along_z(options, 4), faint = along_z(options, 14);
   EXPECT_NEAR(red.rgba.r, 1, 0.01);
   EXPECT_EQ(red.rgba.g, 0);
@@ -185,23 +185,23 @@ TEST(Structures, StandInTheirOwnColours) {
   EXPECT_NEAR(faint.rgba.g, faint.rgba.a, 1e-4);
 }
 
-TEST(Structures, HoldUnderAllLight) {
+TEST(VolumeParts, HoldUnderAllLight) {
   RaycastOptions options;
   options.lighting.mode = Lighting::global;
   options.lighting.samples = 4;
-  options.structures.labels = halves(20, 10);
-  options.structures.styles = {{1, {"red", glm::dvec3(1, 0, 0), 1}},
-                               {2, {"hidden", glm::dvec3(0, 1, 0), 0}}};
+  options.parts.labels = halves(20, 10);
+  options.parts.styles = {{1, {"red", glm::dvec3(1, 0, 0), 1}},
+                          {2, {"hidden", glm::dvec3(0, 1, 0), 0}}};
   EXPECT_GT(along_z(options, 4).rgba.r, 0.2);
   EXPECT_EQ(along_z(options, 14).rgba.a, 0);
 }
 
-TEST(Structures, AMaskHidesWhatIsOutside) {
+TEST(VolumeParts, AMaskHidesWhatIsOutside) {
   RaycastOptions options;
-  options.structures.mask = halves(20, 10);
+  options.parts.mask = halves(20, 10);
   auto mask = std::make_shared<Volume>(*halves(20, 10));
   for (std::byte& voxel : mask->voxels) voxel = std::byte{voxel == std::byte{1}};
-  options.structures.mask = mask;
+  options.parts.mask = mask;
   EXPECT_GT(along_z(options, 4).rgba.a, 0.9);
   EXPECT_EQ(along_z(options, 14).rgba.a, 0);
   const auto made = Raycaster::make(cube(20, 100), gray(), options);
@@ -209,9 +209,9 @@ TEST(Structures, AMaskHidesWhatIsOutside) {
   EXPECT_LT((*made)->bounds().center.x, 7);  // and the bounds are those of what is left
 }
 
-TEST(Structures, WithoutAnyStyleNothingChanges) {
+TEST(VolumeParts, WithoutAnyStyleNothingChanges) {
   RaycastOptions plain, zero;
-  zero.structures.labels = std::make_shared<Volume>(cube(20, 0));
+  zero.parts.labels = std::make_shared<Volume>(cube(20, 0));
   EXPECT_EQ(along_z(plain, 4).rgba, along_z(zero, 4).rgba);
 }
 
@@ -257,9 +257,9 @@ int octant(const glm::dvec3& at) {
 std::vector<glm::vec4> colors_of(const std::shared_ptr<Volume>& labels) {
   RaycastOptions options;
   options.shade = false;
-  options.structures.labels = labels;
+  options.parts.labels = labels;
   for (int id = 1; id <= 8; ++id)
-    options.structures.styles[id] = {"", glm::dvec3(id & 1, id >> 1 & 1, id >> 2 & 1), 1};
+    options.parts.styles[id] = {"", glm::dvec3(id & 1, id >> 1 & 1, id >> 2 & 1), 1};
   const Volume v = grey();
   const auto made = Raycaster::make(grey(), gray(), options);
   EXPECT_TRUE(made) << (made ? "" : made.error().message);
@@ -274,7 +274,7 @@ std::vector<glm::vec4> colors_of(const std::shared_ptr<Volume>& labels) {
   return colors;
 }
 
-TEST(Structures, LabelsOnAnotherGridAreResampledByPosition) {
+TEST(VolumeParts, LabelsOnAnotherGridAreResampledByPosition) {
   const Volume v = grey();
   const auto expected = colors_of(labels_by_position(v.dims, v.axes, v.origin, octant));
   ASSERT_EQ(expected.size(), 360u);
@@ -301,30 +301,30 @@ TEST(Structures, LabelsOnAnotherGridAreResampledByPosition) {
 }
 
 // Of a cube, the first and last voxels stay where they are when x and y are exchanged.
-TEST(Structures, EqualCornersAreNoEqualGrid) {
+TEST(VolumeParts, EqualCornersAreNoEqualGrid) {
   const Volume v = cube(20, 100);
   auto labels = halves(20, 10);
   labels->axes = {v.axes[1], v.axes[0], v.axes[2]};
   EXPECT_FALSE(same_grid(*labels, v));
   RaycastOptions options;
-  options.structures.labels = labels;
-  options.structures.styles = {{1, {"", glm::dvec3(1, 0, 0), 1}}, {2, {"", {}, 0}}};
+  options.parts.labels = labels;
+  options.parts.styles = {{1, {"", glm::dvec3(1, 0, 0), 1}}, {2, {"", {}, 0}}};
   const auto made = Raycaster::make(cube(20, 100), gray(), options);
   ASSERT_TRUE(made);
   EXPECT_GT((*made)->trace({14, 4, -20}, {14, 4, 40}).rgba.a, 0.9);
   EXPECT_EQ((*made)->trace({4, 14, -20}, {4, 14, 40}).rgba.a, 0);
 }
 
-TEST(Structures, RotatedLabelsKeepTheirPlace) {
+TEST(VolumeParts, RotatedLabelsKeepTheirPlace) {
   const double c = std::cos(0.5), s = std::sin(0.5);
   const glm::dmat3 turned(c, s, 0, -s, c, 0, 0, 0, 1);
   const glm::dvec3 middle(9.5, 9.5, 9.5);
   RaycastOptions options;
   options.shade = false;
-  options.structures.labels =
+  options.parts.labels =
       labels_by_position({40, 40, 20}, turned, middle - turned * glm::dvec3(19.5, 19.5, 9.5),
                          [&](const glm::dvec3& at) { return at.x < 9.5 ? 1 : 2; });
-  options.structures.styles = {{1, {"", glm::dvec3(1, 0, 0), 1}}, {2, {"", {}, 0}}};
+  options.parts.styles = {{1, {"", glm::dvec3(1, 0, 0), 1}}, {2, {"", {}, 0}}};
   const auto made = Raycaster::make(cube(20, 100), gray(), options);
   ASSERT_TRUE(made);
   for (const double y : {1.0, 9.0, 18.0}) {
@@ -333,30 +333,30 @@ TEST(Structures, RotatedLabelsKeepTheirPlace) {
   }
 }
 
-TEST(Structures, OutsideOfTheirGridLabelsAndMasksAre0) {
+TEST(VolumeParts, OutsideOfTheirGridLabelsAndMasksAre0) {
   RaycastOptions options;
   options.shade = false;
   const auto part = labels_by_position({5, 20, 20}, glm::dmat3(1.0), glm::dvec3(0.0),
                                        [](const glm::dvec3&) { return 1; });
-  options.structures.labels = part;
-  options.structures.styles = {{0, {"rest", glm::dvec3(0, 0, 1), 1}},
-                               {1, {"part", glm::dvec3(1, 0, 0), 1}}};
+  options.parts.labels = part;
+  options.parts.styles = {{0, {"rest", glm::dvec3(0, 0, 1), 1}},
+                          {1, {"part", glm::dvec3(1, 0, 0), 1}}};
   EXPECT_GT(along_z(options, 2).rgba.r, 0.9);
   EXPECT_GT(along_z(options, 14).rgba.b, 0.9);
   EXPECT_EQ(along_z(options, 14).rgba.r, 0);
-  options.structures = {};
-  options.structures.mask = part;
+  options.parts = {};
+  options.parts.mask = part;
   EXPECT_GT(along_z(options, 2).rgba.a, 0.9);
   EXPECT_EQ(along_z(options, 14).rgba.a, 0);
 }
 
-TEST(Structures, WhatLiesElsewhereIsRefused) {
+TEST(VolumeParts, WhatLiesElsewhereIsRefused) {
   for (const bool as_mask : {false, true}) {
     RaycastOptions options;
     auto moved = std::make_shared<Volume>(*halves(20, 10));
     moved->origin.x = 30;
     moved->source = "moved";
-    (as_mask ? options.structures.mask : options.structures.labels) = moved;
+    (as_mask ? options.parts.mask : options.parts.labels) = moved;
     const auto made = Raycaster::make(cube(20, 100), gray(), options);
     ASSERT_FALSE(made);
     EXPECT_EQ(made.error().code, ErrorCode::usage);

@@ -1,4 +1,4 @@
-#include "field/scene/structures.h"
+#include "field/scene/volume_parts.h"
 
 #include <algorithm>
 #include <cmath>
@@ -112,7 +112,7 @@ bool same_grid(const Volume& a, const Volume& b) {
   return true;
 }
 
-Result<void> add_structures(const Structures& structures, const Volume& volume, RayGrid& grid) {
+Result<void> add_parts(const VolumeParts& parts, const Volume& volume, RayGrid& grid) {
   grid.rows.assign(volume.voxel_count(), 0);
   grid.visible_rows = {1};
   const auto add = [&](const std::optional<glm::dvec3>& color, double factor) {
@@ -120,24 +120,24 @@ Result<void> add_structures(const Structures& structures, const Volume& volume, 
     grid.visible_rows.push_back(factor > 0);
     return static_cast<std::uint8_t>(grid.visible_rows.size() - 1);
   };
-  if (const Volume* labels = structures.labels.get()) {
+  if (const Volume* labels = parts.labels.get()) {
     std::unordered_map<double, std::uint8_t> row_of;
     // The row of an id, or nothing if there are too many.
     const auto row_of_id = [&](double id) -> std::optional<std::uint8_t> {
       if (const auto found = row_of.find(id); found != row_of.end()) return found->second;
       if (grid.visible_rows.size() + 1 >= kMaxRows) return std::nullopt;
-      const auto style = structures.styles.find(static_cast<std::int64_t>(std::llround(id)));
+      const auto style = parts.styles.find(static_cast<std::int64_t>(std::llround(id)));
       std::uint8_t row = 0;
-      if (!structures.only.empty() && !structures.only.contains(std::llround(id)))
+      if (!parts.only.empty() && !parts.only.contains(std::llround(id)))
         row = add(std::nullopt, 0);
-      else if (style != structures.styles.end())
+      else if (style != parts.styles.end())
         row = add(style->second.color, style->second.opacity);
       else if (id != 0)
         row = add(transfer_color::of_label(id), 1);
       return row_of.emplace(id, row).first->second;
     };
     bool fits = true;
-    const auto ok = visit_voxels(*labels, [&](auto ids) {
+    auto ok = visit_voxels(*labels, [&](auto ids) {
       return visit_nearest("a label volume", *labels, volume, [&](auto voxel, auto found) {
         const auto row = row_of_id(
             found ? labels->slope * static_cast<double>(ids[*found]) + labels->intercept : 0.0);
@@ -151,7 +151,7 @@ Result<void> add_structures(const Structures& structures, const Volume& volume, 
       return fail(ErrorCode::unsupported, labels->source, ": more than ", kMaxRows - 2,
                   " different labels");
   }
-  if (const Volume* mask = structures.mask.get()) {
+  if (const Volume* mask = parts.mask.get()) {
     const std::uint8_t hidden = add(std::nullopt, 0);
     return visit_voxels(*mask, [&](auto inside) {
       return visit_nearest("a mask", *mask, volume, [&](auto voxel, auto found) {

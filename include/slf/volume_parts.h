@@ -1,4 +1,5 @@
-// Structures: the parts of a volume, by a volume of labels, in colours of their own.
+// VolumeParts: the parts of a volume, by a volume of labels, in colours of their own. What is drawn
+// together is a Structure (slf/field.h).
 #pragma once
 
 #include <cstdint>
@@ -33,10 +34,10 @@ namespace slf {
 [[nodiscard]] Result<LabelTable> parse_label_table(const std::string& bytes,
                                                    const std::string& source);
 
-/// Parts of a grey volume. A sample belongs to the structure whose id its nearest voxel has.
+/// Parts of a grey volume. A sample belongs to the part whose id its nearest voxel has.
 /// Labels and mask may be on another grid: each voxel of the grey volume takes the value of theirs
 /// that is nearest by world position, and 0 outside of them.
-struct Structures {
+struct VolumeParts {
   std::shared_ptr<const Volume> labels;  ///< ids; or null
   /// An id without a style gets a colour derived from the id; id 0 then keeps the transfer
   /// function's colours.
