@@ -4,11 +4,12 @@
   benchmarks/states.py VOLUME [--slf build/release/cli/slf] [--folder states-benchmark] [OPTIONS]
 
 The states are a volume, and the same cut open by planes ever further down: `--states N` in all.
-With `--times`, they are the time points of a 4-D volume. For each state it prints the bytes that it adds
-to the field of all, the bytes of a field of its own, what share of tiles it has in common with
-earlier states, and the PSNR of views of both fields to ray-casting. Then the sums: all states in one
-field; a field for each; the same if equal tiles were stored once, but nothing were predicted from
-other states. Options after `--` are those of `slf build`, as `-- --levels 1 --lighting direct`.
+With `--one-light`, they have the light of the first. With `--times`, they are the time points of a
+4-D volume. For each state it prints the bytes that it adds to the field of all, the bytes of a
+field of its own, what share of tiles it has in common with earlier states, and the PSNR of views of
+both fields to ray-casting, the latter under its own light. Then the sums: all states in one field; a
+field for each; the same if equal tiles were stored once, but nothing were predicted from other
+states. Options after `--` are those of `slf build`, as `-- --levels 1 --lighting direct`.
 """
 
 import argparse
@@ -42,8 +43,9 @@ class Benchmark:
                          zip([a[2] for a in info["axes"]], info["dims"]))
         cuts = [max(low, high) - abs(high - low) * self.options.depth * k / (count - 1)
                 for k in range(1, count)]
-        return [{"name": "whole"}] + [{"name": f"cut at {z:.4g}", "clip": [[0, 0, z, 0, 0, 1]]}
-                                      for z in cuts]
+        shared = {"light-from": "whole"} if self.options.one_light else {}
+        return [{"name": "whole"}] + [{"name": f"cut at {z:.4g}", "clip": [[0, 0, z, 0, 0, 1]],
+                                       **shared} for z in cuts]
 
     def tiles(self, field, *state):
         return {tile["tile"]: tile for tile in json.loads(self.slf("ls", field, "--json", *state))}
@@ -59,7 +61,7 @@ class Benchmark:
         build = self.options.build
         file = self.folder / "states.json"
         file.write_text(json.dumps({"states": states}))
-        whole = self.folder / "all.slf"
+        whole = self.folder / ("one-light.slf" if self.options.one_light else "all.slf")
         self.slf("build", self.options.volume, "--states", file, "-o", whole, *build)
         sphere = json.loads(self.slf("info", whole, "--json"))["sphere"]
         place = ["--center", ",".join(map(str, sphere["center"])), "--radius", sphere["radius"]]
@@ -68,7 +70,8 @@ class Benchmark:
         for number, state in enumerate(states):
             own_file = self.folder / f"own-{number}.slf"
             one = self.folder / "one.json"
-            one.write_text(json.dumps({"states": [state]}))
+            alone_state = {key: state[key] for key in state if key != "light-from"}
+            one.write_text(json.dumps({"states": [alone_state]}))
             self.slf("build", self.options.volume, "--states", one, "-o", own_file, *place, *build)
             tiles, own = self.tiles(whole, "--state", number), self.tiles(own_file)
             new = [name for name, tile in tiles.items() if tile["state"] == "stored"]
@@ -94,6 +97,7 @@ def main():
     parser.add_argument("--slf", default="build/release/cli/slf")
     parser.add_argument("--folder", default="states-benchmark")
     parser.add_argument("--states", type=int, default=8)
+    parser.add_argument("--one-light", action="store_true", help="the light of the first for all")
     parser.add_argument("--times", action="store_true", help="time points instead of cuts")
     parser.add_argument("--depth", type=float, default=0.7, help="how far down the last cut is")
     parser.add_argument("--views", type=int, default=4)

@@ -22,6 +22,7 @@
 #include "slf/error.h"
 #include "slf/field.h"
 #include "slf/render.h"
+#include "slf/repack.h"
 #include "slf/scene_description.h"
 
 namespace slf::cli {
@@ -129,6 +130,12 @@ void keep_freed_memory();
 
 /// The field in another state, by its name or number; the same field for an empty text.
 [[nodiscard]] Result<Field> show_state(const Field& field, const std::string& state);
+
+/// Adds the chosen states of a field by their names or numbers; all if none is chosen. A field
+/// without states is one.
+[[nodiscard]] Result<void> add_states(const std::string& input,
+                                      const std::vector<std::string>& chosen,
+                                      std::vector<StateSource>& states);
 
 /// A field, and the state of it to show.
 struct FieldArguments {
@@ -344,14 +351,16 @@ Result<T> hinted(Result<T> result) {
 
 struct MadeState {
   std::string name;
-  std::unique_ptr<Scene> scene;
+  std::shared_ptr<const Scene> scene;
 };
 /// A state for each structure of a label volume, which shows it alone, under one light of all.
 [[nodiscard]] Result<std::vector<MadeState>> make_label_states(const SourceArguments& common);
 /// The states that a JSON file lists (schemas/states.json): scenes with the `common` options, but
-/// for those of each state. Messages name the file and the state.
+/// for those of each state. With a name `last`, just the first one, the one of this name as the last,
+/// and what that needs. Messages name the file and the state.
 [[nodiscard]] Result<std::vector<MadeState>> make_states(const std::string& file,
-                                                         const SourceArguments& common);
+                                                         const SourceArguments& common,
+                                                         const std::string& last = {});
 
 /// The options that choose the part of a field to build.
 struct ShardArguments {

@@ -28,6 +28,19 @@ Result<Field> open_field(const std::string& path, const std::string& state) {
   return show_state(field, state);
 }
 
+Result<void> add_states(const std::string& input, const std::vector<std::string>& chosen,
+                        std::vector<StateSource>& states) {
+  const auto first = SLF_TRY(open_field(input));
+  const std::vector<std::string> names = first.states();
+  if (names.empty() && chosen.empty())
+    states.push_back({std::filesystem::path(input).stem(), first});
+  for (const std::string& name : chosen.empty() ? names : chosen) {
+    const auto field = SLF_TRY(show_state(first, name));
+    states.push_back({field.states().empty() ? "" : names[field.state()], field});
+  }
+  return {};
+}
+
 void FieldArguments::add_to(CLI::App& command, const char* help) {
   command.add_option("FIELD", path, help)->type_name(kFieldFile)->required();
   add_state(command, "--state", state,

@@ -135,9 +135,19 @@ struct RaycastArguments {
   SourceArguments source;
   PictureOutput picture;
   CameraArguments camera;
-  std::string cameras;  // empty: one picture, by `camera`
+  std::string cameras;        // empty: one picture, by `camera`
+  std::string states, state;  // a file of states, and which of them; empty: none
   unsigned threads = 0;
 };
+
+/// The scene to draw, last, behind that around which the view is.
+Result<std::vector<MadeState>> scenes_of(const RaycastArguments& a, const SourceArguments& source) {
+  if (!a.states.empty()) return make_states(a.states, source, a.state);
+  std::vector<MadeState> made;
+  auto scene = SLF_TRY(hinted(make_scene(source)));
+  made.push_back({"", std::move(scene)});
+  return made;
+}
 
 /// Names the pictures of cameras in the folder of their output. bad_file: two have one name, or one
 /// leads out of the folder.
@@ -172,12 +182,13 @@ Result<void> raycast_cameras(const RaycastArguments& a) {
       SLF_TRY(refuse_overwrite(picture.file, a.picture.force, inputs));
     return {};
   };
-  const auto scene = SLF_TRY(hinted(make_scene(source)));
+  const auto made = SLF_TRY(scenes_of(a, source));
+  const auto& scene = made.back().scene;
   const auto progress = progress_bar("raycast", "pictures", OnSignal::end);
   for (std::size_t k = 0; k < set.pictures.size(); ++k) {
     const Picture& picture = set.pictures[k];
     const auto camera = SLF_TRY(camera_of(picture));
-    auto image = SLF_TRY(trace_view(*scene, scene->bounds(), camera, a.threads));
+    auto image = SLF_TRY(trace_view(*scene, made.front().scene->bounds(), camera, a.threads));
     std::error_code error;
     std::filesystem::create_directories(std::filesystem::path(picture.file).parent_path(), error);
     SLF_TRY(write_image(picture.file, through_lens(picture, camera, std::move(image))));
@@ -193,8 +204,9 @@ Result<void> run_raycast(const RaycastArguments& a) {
   source.finish(a.threads, OnSignal::end);
   source.check = [&](const std::vector<std::string>& inputs) { return a.picture.check(inputs); };
   source.raycast.lighting.linear = a.picture.is_exr();
-  const auto scene = SLF_TRY(hinted(make_scene(source)));
-  const Sphere sphere = scene->bounds();
+  const auto made = SLF_TRY(scenes_of(a, source));
+  const auto& scene = made.back().scene;
+  const Sphere sphere = made.front().scene->bounds();
   const auto camera = SLF_TRY(a.camera.camera(sphere));
   const auto image = SLF_TRY(trace_view(*scene, sphere, camera, a.threads,
                                         progress_bar("raycast", "rows", OnSignal::end)));
@@ -227,6 +239,13 @@ void add_raycast(CLI::App& app, Run& run) {
   a->source.add_light_to(*command);
   a->source.add_reference_to(*command);
   a->source.add_pictures_to(*command);
+  auto* states =
+      command
+          ->add_option("--states", a->states, "A file of states as for `slf build`; one is drawn")
+          ->type_name(kAnyFile);
+  add_state(*command, "--state", a->state, "Its name in that file");
+  states->needs("--state");
+  command->get_option("--state")->needs(states);
   a->picture.add_to(*command);
   a->camera.add_to(*command);
   add_file(*command, "--cameras", a->cameras,

@@ -7,6 +7,7 @@
 #include "cli/command.h"
 #include "slf/remote.h"
 #include "slf/verify.h"
+#include "view/fit.h"
 
 namespace slf::cli {
 namespace {
@@ -40,20 +41,6 @@ Result<void> estimate(const RepackArguments& a, const Field& field, const Repack
   return {};
 }
 
-/// Adds the states of a field that the options choose. A field without states is one.
-Result<void> add_states(const std::string& input, const RepackArguments& a,
-                        std::vector<StateSource>& states) {
-  const auto first = SLF_TRY(open_field(input));
-  const std::vector<std::string> names = first.states();
-  if (names.empty() && a.states.empty())
-    states.push_back({std::filesystem::path(input).stem(), first});
-  for (const std::string& name : a.states.empty() ? names : a.states) {
-    const auto field = SLF_TRY(show_state(first, name));
-    states.push_back({field.states().empty() ? "" : names[field.state()], field});
-  }
-  return {};
-}
-
 /// --split-states: a field for each state.
 Result<void> split(const RepackArguments& a, std::span<const StateSource> states,
                    const RepackOptions& options) {
@@ -78,7 +65,7 @@ Result<void> run_repack(const RepackArguments& a) {
   options.subfields = a.subfields.numbers;
   options.replace = a.force;
   std::vector<StateSource> states;
-  for (const std::string& input : a.inputs) SLF_TRY(add_states(input, a, states));
+  for (const std::string& input : a.inputs) SLF_TRY(add_states(input, a.states, states));
   if (a.inputs.size() > 1 && !a.merge)
     return fail(ErrorCode::usage, "several fields: --merge-states makes states of them");
   if (a.dry_run && states.size() > 1)
@@ -88,8 +75,7 @@ Result<void> run_repack(const RepackArguments& a) {
   if (a.output.empty()) return fail(ErrorCode::usage, "--output is required, or --dry-run");
   if (a.split) return split(a, states, options);
   const auto bar = progress_bar("repack", "tiles", OnSignal::stop);
-  const auto report = SLF_TRY(states.size() > 1 ? join_states(states, a.output, options, bar)
-                                                : repack_field(field, a.output, options, bar));
+  const auto report = SLF_TRY(view::repack_states(states, a.output, options, bar));
   if (a.json)
     print_json({{"tiles", report.tiles},
                 {"copied", report.copied},

@@ -10,6 +10,7 @@ namespace slf::cli {
 namespace {
 
 constexpr std::uint64_t kMaxStatesFile = 16 << 20;
+constexpr const char* kLightFrom = "light-from";
 
 /// The arguments of the command line that a member of a state stands for. A list of lists is an
 /// option that is repeated.
@@ -41,7 +42,7 @@ Result<SourceArguments> arguments_of(const nlohmann::json& state, const SourceAr
   options.get_option("--input")->required(false);
   std::vector<std::string> arguments;
   for (const auto& [name, value] : state.items()) {
-    if (name == "name") continue;
+    if (name == "name" || name == kLightFrom) continue;
     if (name.starts_with('-') || !options.get_option_no_throw("--" + name))
       return fail(
           ErrorCode::usage, "'", name,
@@ -55,6 +56,19 @@ Result<SourceArguments> arguments_of(const nlohmann::json& state, const SourceAr
     return fail(ErrorCode::usage, error.what());
   }
   return source;
+}
+
+/// Gives the scene the light of the state that `state` names, one of those that were made.
+Result<void> share_light(const nlohmann::json& state, const std::vector<MadeState>& made,
+                         const Scene& scene) {
+  if (!state.contains(kLightFrom)) return {};
+  const std::string name = text_of(state, kLightFrom, "");
+  const auto from = std::ranges::find(made, name, &MadeState::name);
+  if (from == made.end())
+    return fail(ErrorCode::usage, kLightFrom, ": no earlier state is named '", name, "'");
+  return scene.share_light(from->scene).map_error([&](const Error& error) {
+    return Error{error.code, fmt::format("{}: '{}': {}", kLightFrom, name, error.message)};
+  });
 }
 
 Result<nlohmann::json> read_states(const std::string& path) {
@@ -88,9 +102,7 @@ Result<std::vector<MadeState>> make_label_states(const SourceArguments& common) 
     SLF_TRY(source.check(source.files()));
     auto volume = SLF_TRY(hinted(read_volume(source)));
     for (const std::string& text : volume.notes) source.on_note(volume.source + ": " + text, {});
-    const auto voxels = std::make_shared<const std::vector<std::byte>>(std::move(volume.voxels));
-    volume.borrowed = {voxels, voxels->data()};
-    volume.voxels.clear();
+    volume.share();
     volume.notes.clear();
     source.volume = std::make_shared<const Volume>(std::move(volume));
   }
@@ -110,13 +122,18 @@ Result<std::vector<MadeState>> make_label_states(const SourceArguments& common) 
   return made;
 }
 
-Result<std::vector<MadeState>> make_states(const std::string& file, const SourceArguments& common) {
+Result<std::vector<MadeState>> make_states(const std::string& file, const SourceArguments& common,
+                                           const std::string& last) {
   std::vector<MadeState> made;
   const auto states = SLF_TRY(read_states(file));
+  std::string lit_by;  // what gives `last` its light
+  for (const nlohmann::json& state : states)
+    if (text_of(state, "name", "") == last) lit_by = text_of(state, kLightFrom, "");
   for (nlohmann::json state : states) {
     const std::string name = text_of(state, "name", "");
     const bool all = state.value("time", nlohmann::json()) == "all";
-    for (unsigned time = 0;; ++time) {
+    const bool needed = last.empty() || made.empty() || all || name == last || name == lit_by;
+    for (unsigned time = 0; needed; ++time) {
       if (all) state["time"] = time;
       const auto own = arguments_of(state, common);
       auto scene = own ? make_scene(*own) : tl::unexpected(own.error());
@@ -125,12 +142,14 @@ Result<std::vector<MadeState>> make_states(const std::string& file, const Source
           std::string_view(scene.error().choice) == "time")
         break;
       scene = hinted(std::move(scene));
-      if (!scene)
-        return fail(scene.error().code, file, ": state '", name, "': ", scene.error().message);
+      const auto ok = scene ? share_light(state, made, **scene) : tl::unexpected(scene.error());
+      if (!ok) return fail(ok.error().code, file, ": state '", name, "': ", ok.error().message);
       made.push_back({all ? fmt::format("{} {}", name, time) : name, std::move(*scene)});
+      if (made.back().name == last) return made;
       if (!all) break;
     }
   }
+  if (!last.empty()) return fail(ErrorCode::usage, file, ": has no state '", last, "'");
   return made;
 }
 

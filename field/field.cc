@@ -116,7 +116,7 @@ FoundTiles FieldFile::find(std::span<const TileKey> keys, const Skip& skip, bool
     std::vector<storage::TileRef> refs;
     for (const auto& tile : store_.find_all(level))
       if (tile) refs.push_back(*tile);
-    if (advise && first && !reference_index_.empty())
+    if (advise && (first || coder_->uses_states()) && !reference_index_.empty())
       advise_together(refs);
     else if (advise)
       store_.advise(refs);
@@ -144,7 +144,7 @@ FoundTiles FieldFile::find(std::span<const TileKey> keys, const Skip& skip, bool
 void FieldFile::advise_together(std::vector<storage::TileRef> tiles) const {
   std::vector<TileKey> keys;
   for (const storage::TileRef& tile : tiles)
-    if (tile.state == storage::TileState::stored) keys.push_back(tile.key);
+    if (tile.state == storage::TileState::stored) keys.push_back(tile.source);
   append_ancestors(reference_index_, keys);
   std::erase_if(keys, [&](TileKey key) { return !can_have(key); });
   for (const auto& tile : store_.find_all(keys))

@@ -27,14 +27,16 @@ class ReferenceIndex {
     std::vector<TileKey> references;  ///< of the next coarser level
   };
 
-  /// The section for tiles of one level above 0, in key order.
+  /// The section for tiles of one level above 0, in key order. They are of state 0, and stand for
+  /// those of all states.
   [[nodiscard]] static Bytes encode(std::span<const Tile> tiles);
 
   /// Reads an untrusted section of a level above 0. Uses memory of about the section's size.
   /// bad_file: it is damaged.
   [[nodiscard]] static Result<ReferenceIndex> parse(ByteSpan section, unsigned level);
 
-  /// Appends the tiles that a tile of the level is predicted from. The field may not have them.
+  /// Appends the tiles that a tile of the level is predicted from, and those that it is in other
+  /// states, all of its own state. The field may not have them.
   void append_references(TileKey key, std::vector<TileKey>& to) const;
 
  private:

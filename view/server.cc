@@ -285,7 +285,8 @@ Result<Server> Server::make(std::span<const std::string> fields, const ServerOpt
   if (fields.size() > 1 && !options.views.text.empty())
     return fail(ErrorCode::usage, "views are of one field, but ", fields.size(), " are given");
   const auto field = SLF_TRY(Field::open(fields[0]));
-  const Views views = SLF_TRY(parse_views(options.views, field.shape().sphere));
+  auto views = SLF_TRY(parse_views(options.views, field.shape().sphere));
+  begin_with(options.state, field, views);
   state->views = views.json;
   state->index = page_with("src=\"field.slf\" own" + views.attributes +
                                (views.json.empty() ? "" : " views=\"views.json\""),

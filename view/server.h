@@ -28,7 +28,8 @@ struct ServerOptions {
   /// Origins whose pages may show those of the server in frames, such as "https://example.org",
   /// beside those of this machine: notebooks at localhost, 127.0.0.1 and [::1].
   std::vector<std::string> frames{};
-  ViewsFile views{};  ///< that the page of the only field shows; may be none
+  ViewsFile views{};    ///< that the page of the only field shows; may be none
+  std::string state{};  ///< the state that the page of the only field shows first
 };
 
 /// Answers GET and HEAD, with ranges, entity tags and conditional requests. Requests are untrusted.

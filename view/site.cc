@@ -89,6 +89,7 @@ struct Posters {
 
 Result<Posters> make_posters(const std::string& path, const Views& views) {
   auto field = SLF_TRY(Field::open(path));
+  if (!views.state.empty()) field = SLF_TRY(field.in_state(views.state));
   if (has_structures(field)) {
     std::vector<StructureLook> unknown;
     auto shown = SLF_TRY(

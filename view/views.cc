@@ -9,6 +9,7 @@
 
 #include "base/file.h"
 #include "base/try.h"
+#include "field/structure_looks.h"
 #include "view/site.h"
 
 namespace slf::view {
@@ -142,6 +143,18 @@ Result<Views> parse_views(const ViewsFile& file, const Sphere& sphere) {
     }
   }
   return views;
+}
+
+void begin_with(const std::string& state, const Field& field, Views& views) {
+  if (state.empty()) return;
+  const bool structure = has_structures(field);
+  if (structure)
+    views.structures = {state};
+  else
+    views.state = state;
+  views.attributes = (structure ? " structures=\"" + escape_html(escaped(state))
+                                : " state=\"" + escape_html(state)) +
+                     "\"" + views.attributes;
 }
 
 }  // namespace slf::view

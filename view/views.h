@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "slf/error.h"
+#include "slf/field.h"
 #include "slf/shape.h"
 
 namespace slf::view {
@@ -27,6 +28,7 @@ struct Views {
   std::string json{};   ///< without '<'; empty if there are none
   std::string first{};  ///< the first view's camera, as the page's address has it; may be empty
   std::optional<std::vector<std::string>> structures{};  ///< that the first view shows
+  std::string state{};       ///< of the object, that is shown first; empty: state 0
   std::string attributes{};  ///< of the page's element for the first view, each after a space
 };
 
@@ -34,5 +36,8 @@ struct Views {
 /// is something else; the message names the place, such as views[1].orbit, and what is expected
 /// there.
 [[nodiscard]] Result<Views> parse_views(const ViewsFile& file, const Sphere& sphere);
+
+/// Lets the page of a field begin with one of its states, or the structure of that name.
+void begin_with(const std::string& state, const Field& field, Views& views);
 
 }  // namespace slf::view

@@ -203,12 +203,28 @@ Result<std::unique_ptr<Scene>> volume_scene(const SceneDescription& d) {
   }
   const TransferFunction function =
       d.transfer.empty() && !d.range ? preset->function : preset->fit(volume, d.range);
+  const json light_of = d.reference ? json() : built.value("light_of", json());
+  std::shared_ptr<const Scene> light_from;
+  if (light_of.is_object()) {  // a patch that makes the provenance of the other scene of this one
+    volume.share();
+    SceneDescription other = d;
+    other.volume = std::make_shared<const Volume>(volume);
+    json patched = built;
+    patched.merge_patch(light_of);
+    patched.erase("light_of");
+    other.truth_of = patched.dump();
+    other.raycast.clip.clear();
+    other.only_labels.clear();
+    other.on_note = {};
+    light_from = SLF_TRY(make_scene(other));
+  }
   Result<std::unique_ptr<Scene>> made = fail(ErrorCode::failed, "");
   if (d.reference)
     made = PathTracer::make(std::move(volume), function, options,
                             {d.paths.samples, options.lighting.seed});
   else
     made = Raycaster::make(std::move(volume), function, options, d.light_volume);
+  if (made && light_from) SLF_TRY((*made)->share_light(std::move(light_from)));
   if (made || made.error().code != ErrorCode::failed || made.error().choice) return made;
   return fail_without("transfer", ErrorCode::failed, made.error().message, "; it runs from ",
                       function.colors.front().value, " to ", function.colors.back().value,

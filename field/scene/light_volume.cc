@@ -464,12 +464,12 @@ LightGrid plan_light(const RayGrid& grid, const Illumination& illumination,
 }
 
 LightComputer::LightComputer(const Medium& medium, const Illumination& illumination,
-                             const LightOptions& options, unsigned threads)
+                             const LightOptions& options, LightGrid plan, unsigned threads)
     : medium_(medium),
       illumination_(illumination),
       options_(options),
       threads_(threads),
-      blank_(plan_light(medium.grid(), illumination, options)) {}
+      blank_(std::move(plan)) {}
 
 LightComputer::~LightComputer() = default;
 
@@ -569,7 +569,8 @@ Result<void> LightComputer::solve(std::vector<std::size_t> numbers, const Pass& 
 Result<LightGrid> compute_light(const Medium& medium, const Illumination& illumination,
                                 const LightOptions& options, unsigned threads,
                                 const ProgressCallback& progress) {
-  LightComputer computer(medium, illumination, options, threads);
+  LightComputer computer(medium, illumination, options,
+                         plan_light(medium.grid(), illumination, options), threads);
   SLF_TRY(computer.prepare());
   LightGrid light = computer.blank();
   SLF_TRY(computer.compute(light, computer.nodes(), progress));

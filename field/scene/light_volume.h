@@ -58,8 +58,9 @@ namespace slf {
 /// The result depends on the scene and the options, not on `threads` (0: all).
 class LightComputer {
  public:
+  /// `plan`: a grid without nodes that covers the visible box, as plan_light() makes it.
   LightComputer(const Medium& medium, const Illumination& illumination, const LightOptions& options,
-                unsigned threads);
+                LightGrid plan, unsigned threads);
   ~LightComputer();
   LightComputer(const LightComputer&) = delete;
   LightComputer& operator=(const LightComputer&) = delete;
@@ -68,6 +69,8 @@ class LightComputer {
   [[nodiscard]] Result<void> prepare();
   /// The numbers of all nodes that can have light.
   [[nodiscard]] const std::vector<std::size_t>& nodes() const { return numbers_; }
+  /// Their optical depths below what can be seen, and those of all others.
+  [[nodiscard]] const std::vector<float>& depth() const { return depth_; }
   /// A grid in which they are missing, and all others are dark.
   [[nodiscard]] const LightGrid& blank() const { return blank_; }
   /// `numbers`, and the nodes up to `reach` places away along chains of neighbours.

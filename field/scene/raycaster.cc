@@ -15,6 +15,7 @@
 #include "field/scene/light_code.h"
 #include "field/scene/light_volume.h"
 #include "field/scene/provenance.h"
+#include "field/scene/shared_light.h"
 #include "field/scene/volume_scene.h"
 
 namespace slf {
@@ -32,7 +33,7 @@ class LightOnDemand {
       : scene_(scene),
         medium_(scene.grid),
         illumination_(illuminate(scene.lighting, scene.bounds)),
-        computer_(medium_, illumination_, scene.lighting, threads) {}
+        computer_(medium_, illumination_, scene.lighting, plan_of(scene), threads) {}
 
   [[nodiscard]] Result<void> prepare() {
     SLF_TRY(computer_.prepare());
@@ -68,14 +69,6 @@ class LightOnDemand {
   std::shared_mutex mutex_;  // of the light: read while rays are traced
 };
 
-/// The volume in memory that copies share.
-void share_voxels(Volume& volume) {
-  if (volume.borrowed) return;
-  const auto voxels = std::make_shared<const std::vector<std::byte>>(std::move(volume.voxels));
-  volume.voxels.clear();
-  volume.borrowed = {voxels, voxels->data()};
-}
-
 }  // namespace
 
 struct Raycaster::State {
@@ -86,6 +79,7 @@ struct Raycaster::State {
   std::optional<LightVolumeOptions> pending_light;  // until the light volume is computed
   std::mutex preparing{};                           // guards pending_light, and adopt()
   std::unique_ptr<LightOnDemand> on_demand{};       // while pending, once rays need light
+  std::shared_ptr<const Raycaster> light_from{};    // whose light this scene shares; or null
 
   void adopt(LightGrid light, const Medium& medium) {
     traced().light_volume = std::move(light);
@@ -164,7 +158,7 @@ Result<std::unique_ptr<Raycaster>> Raycaster::make(Volume volume, const Transfer
   std::unique_ptr<VolumeScene> shown;
   RaycastOptions all = options;
   if (!options.parts.only.empty()) {
-    share_voxels(volume);
+    volume.share();
     shown = SLF_TRY(make_volume_scene(volume, transfer, options));
     all.parts.only.clear();
   }
@@ -180,13 +174,39 @@ Result<std::unique_ptr<Raycaster>> Raycaster::make(Volume volume, const Transfer
 Result<void> Raycaster::prepare() const {
   const std::lock_guard lock(state_->preparing);
   if (!state_->pending_light) return {};
-  const Medium medium(state_->scene->grid);
-  auto light = SLF_TRY(light_of(*state_->scene, medium, *state_->pending_light));
+  const VolumeScene& scene = *state_->scene;
+  const LightVolumeOptions& options = *state_->pending_light;
+  const Medium medium(scene.grid);
+  const Raycaster* from = state_->light_from.get();
+  if (from) SLF_TRY(from->prepare());
+  auto light =
+      SLF_TRY(from ? shared_light(from->state_->traced().light_volume, *from->state_->scene, scene,
+                                  medium, options.threads, options.progress)
+                   : light_of(scene, medium, options));
   state_->adopt(std::move(light), medium);
   return {};
 }
 
+Result<void> Raycaster::share_light(std::shared_ptr<const Scene> from) const {
+  const std::lock_guard lock(state_->preparing);
+  auto source = std::dynamic_pointer_cast<const Raycaster>(std::move(from));
+  const auto lit = [](const Raycaster& of) {
+    return of.state_->pending_light || !of.state_->traced().light_volume.nodes.empty();
+  };
+  if (!state_->pending_light || !source || !lit(*source)) return Scene::share_light(source);
+  if (source->state_->light_from)
+    return fail(ErrorCode::usage, "the other scene has the light of a third: name that one");
+  if (source->state_->shown)
+    return fail(ErrorCode::usage, "the other scene shows just some labels");
+  SLF_TRY(check_shared_light(*state_->scene, *source->state_->scene));
+  std::string& provenance = (state_->shown ? state_->shown : state_->scene)->provenance;
+  provenance = with_light_of(provenance, source->provenance());
+  state_->light_from = std::move(source);
+  return {};
+}
+
 std::vector<std::byte> Raycaster::light() const {
+  if (state_->light_from) return state_->light_from->light();
   const VolumeScene& scene = *state_->scene;
   const LightGrid& light = state_->traced().light_volume;
   if (state_->pending_light || light.nodes.empty()) return {};
@@ -194,7 +214,8 @@ std::vector<std::byte> Raycaster::light() const {
 }
 
 Result<void> Raycaster::prepare_for(std::span<const Segment> rays) const {
-  if (state_->pending_light && (state_->shown || !state_->pending_light->file.empty()))
+  if (state_->pending_light &&
+      (state_->shown || state_->light_from || !state_->pending_light->file.empty()))
     return prepare();
   LightOnDemand* light = SLF_TRY(state_->light_on_demand());
   if (light == nullptr) return {};
@@ -211,6 +232,7 @@ Result<void> Raycaster::prepare_for(std::span<const Segment> rays) const {
 
 bool Raycaster::set_light(std::span<const std::byte> light) const {
   const std::lock_guard lock(state_->preparing);
+  if (state_->light_from) return state_->light_from->set_light(light);
   if (!state_->pending_light) return false;
   const VolumeScene& scene = *state_->scene;
   auto decoded = decode_light(light, light_key(scene.provenance), plan_of(scene));
@@ -235,7 +257,7 @@ void Raycaster::trace_many(std::span<const Segment> rays, std::span<RaySample> o
 RayCounts Raycaster::trace_counted(std::span<const Segment> rays, std::span<RaySample> out) const {
   assert(rays.size() == out.size());
   RayCounts counts;
-  if (state_->shown)
+  if (state_->shown || state_->light_from)
     if (auto ok = prepare(); !ok) throw std::runtime_error(ok.error().message);
   const auto light = state_->light_on_demand();
   Result<void> ok = light ? Result<void>{} : tl::unexpected(light.error());

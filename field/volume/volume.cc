@@ -169,6 +169,13 @@ std::span<const std::byte> Volume::bytes() const {
   return {borrowed.get(), voxel_count() * bytes_per_voxel(type)};
 }
 
+void Volume::share() {
+  if (borrowed) return;
+  const auto owned = std::make_shared<const std::vector<std::byte>>(std::move(voxels));
+  voxels.clear();
+  borrowed = {owned, owned->data()};
+}
+
 glm::dvec3 Volume::spacing() const {
   return {glm::length(axes[0]), glm::length(axes[1]), glm::length(axes[2])};
 }

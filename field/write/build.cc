@@ -1,9 +1,6 @@
 #include "slf/build.h"
 
-#include <xxhash.h>
-
 #include <algorithm>
-#include <array>
 #include <chrono>
 #include <exception>
 #include <filesystem>
@@ -25,6 +22,7 @@
 #include "field/write/field_writer.h"
 #include "field/write/missing_tiles.h"
 #include "field/write/repack_plan.h"
+#include "field/write/same_tiles.h"
 #include "field/write/shard_plan.h"
 #include "field/write/tile_tracer.h"
 
@@ -209,52 +207,6 @@ class CoarserTiles {
  private:
   mutable std::mutex mutex_;
   std::optional<TileReader> tiles_;
-};
-
-/// Finds tiles that have the same samples in an earlier state. Keeps a hash of the samples of each
-/// tile; those that another thread makes, or that an earlier call of the build made, are traced.
-class SameTiles {
- public:
-  SameTiles(const TileTracer& tracer, const TileOrder& order, unsigned states)
-      : tracer_(tracer), order_(order), hashes_(states > 1 ? order.count() : 0) {}
-
-  /// How many states before that of the tile the first one is that has it; 0 if none has, or if
-  /// the tile is empty. So the tile of the state that is found is stored.
-  Result<std::uint64_t> find(const TracedTile& tile) {
-    if (hashes_.empty()) return std::uint64_t{0};
-    const Hash own = remember(tile);
-    const std::uint64_t state = state_of(tile.key);
-    for (std::uint64_t earlier = 0; !tile.empty && earlier < state; ++earlier) {
-      const Hash other = SLF_TRY(hash_of(in_state(tile.key, earlier)));
-      if (other == own) return state - earlier;
-    }
-    return std::uint64_t{0};
-  }
-
- private:
-  using Hash = std::array<std::uint64_t, 2>;
-
-  Hash remember(const TracedTile& tile) {
-    const XXH128_hash_t found = XXH3_128bits(tile.samples.data(), tile.samples.size());
-    const Hash hash = tile.empty ? Hash{0, 1} : Hash{found.low64 | 1, found.high64};
-    const std::lock_guard lock(mutex_);
-    return hashes_[order_.number(tile.key)] = hash;
-  }
-
-  Result<Hash> hash_of(TileKey key) {
-    {
-      const std::lock_guard lock(mutex_);
-      if (const Hash& known = hashes_[order_.number(key)]; known != Hash{}) return known;
-    }
-    TracedTile tile;
-    SLF_TRY(tracer_.trace(key, tile));
-    return remember(tile);
-  }
-
-  const TileTracer& tracer_;
-  const TileOrder& order_;
-  std::mutex mutex_;
-  std::vector<Hash> hashes_;  // by the tile's number; 0: not known
 };
 
 /// The checked inputs of a build.

@@ -1,7 +1,9 @@
 #include "field/write/field_index.h"
 
+#include <map>
 #include <vector>
 
+#include "base/sort_unique.h"
 #include "base/try.h"
 #include "field/field_file.h"
 #include "field/geometry/tile_order.h"
@@ -11,19 +13,23 @@
 namespace slf {
 namespace {
 
-/// The tiles of a level, each with the tiles that it is predicted from.
+/// The tiles of a level, each with those of the next coarser level that it is predicted from in any
+/// state, as if of state 0.
 Result<std::vector<ReferenceIndex::Tile>> references_of(const FieldFile& field, unsigned level,
                                                         const GoOn& go_on) {
-  std::vector<ReferenceIndex::Tile> tiles;
+  std::map<TileKey, std::vector<TileKey>> references;
   const auto visit = [&](const storage::TileRef& tile) -> Result<void> {
     if (go_on && !go_on()) return fail(ErrorCode::cancelled, field.path(), ": interrupted");
     if (tile.state != storage::TileState::stored || !field.shape().has(tile.key)) return {};
-    tiles.push_back({tile.key, {}});
+    auto& of_all = references[in_state(tile.key, 0)];
     for (const Reference& reference : field.coder().references(tile.key, tile.payload))
-      tiles.back().references.push_back(reference.tile);
+      if (reference.tile.level < level) of_all.push_back(in_state(reference.tile, 0));
+    sort_unique(of_all);
     return {};
   };
   SLF_TRY(field.store().visit(first_key(level), first_key(level + 1), visit));
+  std::vector<ReferenceIndex::Tile> tiles;
+  for (auto& [key, of_all] : references) tiles.push_back({key, std::move(of_all)});
   return tiles;
 }
 
@@ -32,10 +38,9 @@ Result<std::vector<ReferenceIndex::Tile>> references_of(const FieldFile& field, 
 Result<void> index_field(const std::string& path, const GoOn& go_on) {
   std::vector<storage::IndexExtra> extras;
   {
-    const auto field = SLF_TRY(FieldFile::open(path));
-    const bool listed = field->predicts() && field->manifest().states.empty();
-    for (unsigned level = 1; listed && level <= field->shape().levels; ++level) {
-      if (field->shape().tiles(level) > kMaxIndexedTiles) break;
+    const auto field = SLF_TRY(FieldFile::whole(path));
+    for (unsigned level = 1; field->predicts() && level <= field->shape().levels; ++level) {
+      if (field->shape().tiles(level) / field->shape().states > kMaxIndexedTiles) break;
       const auto tiles = SLF_TRY(references_of(*field, level, go_on));
       extras.push_back({reference_section(level), ReferenceIndex::encode(tiles)});
     }

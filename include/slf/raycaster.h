@@ -105,6 +105,10 @@ class Raycaster final : public Scene {
   [[nodiscard]] std::vector<std::byte> light() const override;
   /// Has an effect only if make() has deferred the light volume.
   bool set_light(std::span<const std::byte> light) const override;
+  /// Both must have a light volume that is not direct, and make() must have deferred it. They may
+  /// differ by planes that clip and by structures, where `from` shows all labels, and shows all
+  /// that this scene does.
+  [[nodiscard]] Result<void> share_light(std::shared_ptr<const Scene> from) const override;
   [[nodiscard]] Sphere bounds() const override;
   [[nodiscard]] RaySample trace(const glm::dvec3& from, const glm::dvec3& to) const override;
   void trace_many(std::span<const Segment> rays, std::span<RaySample> out) const override;

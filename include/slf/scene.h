@@ -74,6 +74,11 @@ class Scene {
   /// untrusted.
   virtual bool set_light(std::span<const std::byte> /*light*/) const { return false; }
 
+  /// Takes the light of another scene of the same volume, but for what this one lays open: what is
+  /// cut away in this scene alone keeps its shadows. Adds to provenance(). Call it before
+  /// prepare(); not thread-safe. usage: this scene cannot have that light.
+  [[nodiscard]] virtual Result<void> share_light(std::shared_ptr<const Scene> from) const;
+
   /// A sphere around everything visible.
   [[nodiscard]] virtual Sphere bounds() const = 0;
 

@@ -76,6 +76,8 @@ struct Volume {
 
   /// The bytes of the voxels: `borrowed` or `voxels`.
   [[nodiscard]] std::span<const std::byte> bytes() const;
+  /// Makes the voxels `borrowed`, so that copies share them.
+  void share();
   [[nodiscard]] glm::dvec3 spacing() const;
   [[nodiscard]] std::uint64_t voxel_count() const;
   /// Least and greatest finite value, after slope and intercept.

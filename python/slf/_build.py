@@ -11,6 +11,7 @@ import numpy as np
 from . import _slf
 from ._field import (AnyCamera, Field, Path, Size, camera_tuple, check_dtype, finished_picture,
                      is_half, path_text)
+from ._errors import UsageError
 from ._progress import Progress, reporter
 from ._rays import Function, Scene
 from ._source import Settings, scene_of
@@ -46,7 +47,8 @@ def build(source: Any, out: Path, *, entry: int = 8, exit: int = 32, finest_leve
     color_type: "u8" or "half" (with light: linear radiance).
     center, radius: the sphere in world units; default: around what is visible.
     states: variants of the object, for one field: for each {"name": ..., other settings}, which are
-        taken before those of this call; "source": another source.
+        taken before those of this call; "source": another source; "light_from": the name of an
+        earlier state that differs by `clip` or structures and whose light this one has.
     shard: (k, n), the k-th of n parts, from 1, for slf.merge().
     only_levels, coarser: as --only-levels and --coarser of `slf build`.
     threads: 0: all.  commit_every: seconds between commits, which a kill can lose.
@@ -70,11 +72,15 @@ def build(source: Any, out: Path, *, entry: int = 8, exit: int = 32, finest_leve
     with contextlib.ExitStack() as stack:
         scenes: list[tuple[str, _slf.Scene]] = []
         for state in states or ({"name": ""},):
-            changed = {key: value for key, value in state.items() if key != "name"}
-            own: Any = {"source": source, **settings, **changed}
-            scenes.append((state.get("name", ""), stack.enter_context(
-                scene_of(own.pop("source"), linear=half, folder=folder, threads=threads,
-                         sphere=whole, **own))))
+            own: Any = {"source": source, **settings, **state}
+            name, lit_by = own.pop("name", ""), own.pop("light_from", None)
+            scene = stack.enter_context(scene_of(own.pop("source"), linear=half, folder=folder,
+                                                 threads=threads, sphere=whole, **own))
+            if lit_by is not None:
+                if lit_by not in dict(scenes):
+                    raise UsageError(f"light_from: no earlier state is named {lit_by!r}")
+                scene.share_light(dict(scenes)[lit_by])
+            scenes.append((name, scene))
         bounds = scenes[0][1].bounds
         sphere = Sphere(bounds.center if center is None else point(center),
                         bounds.radius if radius is None else float(radius))

@@ -53,6 +53,7 @@ class Volume:
 class Scene:
     bounds: Sphere
     provenance: str
+    def share_light(self, other: Scene) -> None: ...
     def raycast(self, camera: _Camera, threads: int, progress: Any) -> tuple[np.ndarray, Any]: ...
 
 class Server:

@@ -379,6 +379,10 @@ void bind_scenes(py::module_& module) {
                              [](const SceneHandle& s) { return tuple_of(s.scene->bounds()); })
       .def_property_readonly("provenance",
                              [](const SceneHandle& s) { return Text(s.scene->provenance()); })
+      .def("share_light",
+           [](const SceneHandle& s, const SceneHandle& from) {
+             value_of(s.scene->share_light(from.scene), "light_from");
+           })
       .def("raycast", raycast);
   module.def("make_scene", described_scene);
   module.def("ray_scene", [](py::object fn, const SphereTuple& sphere,

@@ -619,3 +619,21 @@ def test_states(tmp_path):
         field.render(state="none")
     with pytest.raises(slf.UsageError, match="has no state 3"):
         field.in_state(3)
+
+
+def test_states_of_one_light(tmp_path):
+    z, y, x = np.mgrid[-6:6, -6:6, -6:6]
+    ball = np.maximum(0, 255 - 9 * (x * x + y * y + z * z)).astype(np.uint8)
+    states = [{"name": "whole"},
+              {"name": "cut", "clip": [(6, 6, 6, 0, 0, 1)], "light_from": "whole"}]
+    light = {"transfer": "ct-bone", "range": (20, 120), "light_samples": 4}
+    cut = slf.build(ball, tmp_path / "a.slf", **SMALL, **light, states=states).in_state("cut")
+    assert "light_of" in cut.provenance
+    assert cut.content().payload_bytes < cut.in_state("whole").content().payload_bytes / 2
+    assert cut.evaluate(ball, 2).psnr > 15
+    states[1]["light_from"] = "hole"
+    with pytest.raises(slf.UsageError, match="no earlier state is named 'hole'"):
+        slf.build(ball, tmp_path / "b.slf", **SMALL, **light, states=states)
+    states[1] = {"name": "hot", "transfer": "hot", "light_from": "whole"}
+    with pytest.raises(slf.UsageError, match="/transfer"):
+        slf.build(ball, tmp_path / "b.slf", **SMALL, **light, states=states)

@@ -140,6 +140,73 @@ TEST_P(Killed, ABuildKeepsWhatItCommittedAndEndsTheSame) {
   EXPECT_TRUE(tiles_of(path) == whole);
 }
 
+// States of one light, of which a part is computed again after each kill.
+TEST(KilledStates, ABuildEndsWithTheBytesOfOneThatWasNot) {
+  Workplace place;
+  std::string voxels;
+  for (int k = 0; k < 12 * 12 * 12; ++k) {
+    const int x = k % 12 - 6, y = k / 12 % 12 - 6, z = k / 144 - 6;
+    voxels += static_cast<char>(std::max(0, 255 - 9 * (x * x + y * y + z * z)));
+  }
+  testing::write_text(place / "v.raw", voxels);
+  testing::write_text(place / "s.json", R"({"states": [{"name": "whole"},
+      {"name": "cut", "clip": [[6, 6, 7, 0, 0, 1]], "light-from": "whole"},
+      {"name": "deep", "clip": [[6, 6, 5, 0, 0, 1]], "light-from": "whole"}]})");
+  const auto build = [&](const std::string& output) -> Arguments {
+    return {"-q",
+            "build",
+            place / "v.raw",
+            "--dims",
+            "12x12x12",
+            "--type",
+            "u8",
+            "-o",
+            output,
+            "--states",
+            place / "s.json",
+            "--transfer",
+            "ct-bone",
+            "--range",
+            "20,120",
+            "--light-samples",
+            "4",
+            "--entry",
+            "3",
+            "--exit",
+            "8",
+            "--levels",
+            "1",
+            "-j",
+            "2",
+            "--commit-every",
+            "0.002"};
+  };
+  Moments moments(build(place / "whole.slf"));
+  const auto states_of = [](const std::string& path) {
+    std::vector<Tiles> states;
+    const auto field = Field::open(path);
+    EXPECT_TRUE(field) << field.error().message;
+    for (unsigned s = 0; field && s < field->states().size(); ++s)
+      states.push_back(all_tiles(*field->in_state(s)));
+    return states;
+  };
+  const auto whole = states_of(place / "whole.slf");
+  ASSERT_EQ(whole.size(), 3u);
+  const std::string path = place / "a.slf";
+  int kills = 0, ends = 0;
+  for (int runs = 0; (kills < kKills / 3 || ends == 0) && runs < 2 * kKills; ++runs) {
+    const auto ended = run(build(path), moments.next());
+    EXPECT_EQ(ended.value_or(0), 0);
+    kills += !ended;
+    if (!std::filesystem::exists(path)) continue;
+    EXPECT_TRUE(states_of(path) == whole) << "after " << kills << " kills";
+    std::filesystem::remove(path);
+    ++ends;
+  }
+  EXPECT_GE(kills, kKills / 3);
+  EXPECT_GT(ends, 0);
+}
+
 TEST_P(Killed, ARepackLeavesNoFieldOrAWholeOne) {
   Workplace place;
   ASSERT_EQ(run({"-q", "build", "scene:balls", "-o", place / "in.slf", "--entry", "3", "--exit",

@@ -41,6 +41,10 @@ TEST(ReferenceIndex, FindsWhatWasWritten) {
       std::vector<TileKey> found;
       index->append_references(tile.key, found);
       EXPECT_EQ(as_set(found), as_set(tile.references)) << tile.key.index;
+      found.clear();
+      index->append_references(in_state(tile.key, 5), found);  // each state has the same
+      for (TileKey& key : found) key = in_state(key, state_of(key) - 5);
+      EXPECT_EQ(as_set(found), as_set(tile.references)) << tile.key.index;
     }
     std::vector<TileKey> none;
     index->append_references({static_cast<std::uint8_t>(level), ~std::uint64_t{0}}, none);

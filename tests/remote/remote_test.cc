@@ -134,6 +134,42 @@ TEST_F(RemoteTest, FetchesAViewTogether) {
   EXPECT_LE(host.requests(), 20u);
 }
 
+/// The balls, of which a plane leaves a part.
+class CutBalls final : public Scene {
+ public:
+  [[nodiscard]] Sphere bounds() const override { return all_->bounds(); }
+  [[nodiscard]] RaySample trace(const glm::dvec3& from, const glm::dvec3& to) const override {
+    const RaySample sample = all_->trace(from, to);
+    return (from + double{sample.depth} * (to - from)).z > 0.2 ? RaySample() : sample;
+  }
+  [[nodiscard]] std::string provenance() const override { return R"({"kind":"cut"})"; }
+
+ private:
+  std::unique_ptr<Scene> all_ = std::move(*make_analytic_scene("balls"));
+};
+
+TEST_F(RemoteTest, DrawsAState) {
+  const auto whole = make_analytic_scene("balls");
+  const CutBalls cut;
+  const std::vector<FieldState> states{{"whole", whole->get()}, {"cut", &cut}};
+  BuildOptions options;
+  options.shape = Field::open(path())->shape();
+  options.shape.states = 1;
+  options.shape.levels = 2;
+  const std::string file = *folder_ / "states.slf";
+  ASSERT_TRUE(build_field(states, file, options));
+  const HttpHost host(testing::read_text(file));
+  const auto remote = RemoteField::open(host.url());
+  ASSERT_TRUE(remote) << remote.error().message;
+  const auto state = remote->field().in_state("cut");
+  ASSERT_TRUE(state);
+  const auto image = Renderer(*state).render(camera(), {RenderMode::depth, 2});
+  ASSERT_TRUE(image) << image.error().message;
+  EXPECT_EQ(
+      image->rgba,
+      testing::draw(*Field::open(file)->in_state("cut"), camera(), {RenderMode::depth, 2}).rgba);
+}
+
 TEST_F(RemoteTest, StopsFetchingWhenTold) {
   const HttpHost host(content_);
   const auto remote = RemoteField::open(host.url());

@@ -4,6 +4,8 @@
 
 #include <gtest/gtest.h>
 
+#include <array>
+
 #include <filesystem>
 
 #include "tests/field/write/rewriting.h"
@@ -24,8 +26,8 @@ class Fit : public ::testing::Test {
     repacks_ = 0;
     std::filesystem::remove(folder_ / "out.slf");
     const std::uint64_t tiles = field_->shape().tiles(0) + field_->shape().tiles(1);
-    const auto done = repack_to_fit(*field_, folder_ / "out.slf", options, max_bytes,
-                                    [&](const Progress& progress) {
+    const auto done = repack_to_fit(std::array{StateSource{"", *field_}}, folder_ / "out.slf",
+                                    options, max_bytes, [&](const Progress& progress) {
                                       repacks_ += progress.done == tiles && progress.total == tiles;
                                       return true;
                                     });

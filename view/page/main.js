@@ -115,6 +115,7 @@ export class SlfField extends HTMLElement {
     const structures = this.getAttribute('structures');
     if (structures !== null) this.settings.structures = split(structures);
     viewer.camera.fromText(this.getAttribute('view'));
+    this.settings.state = this.getAttribute('state');
     if (this.whole) this.readFragment();
     const {offsetWidth, offsetHeight} = this.byId('panel');
     if (offsetWidth * offsetHeight > kMaxPanel * this.offsetWidth * this.offsetHeight) this.fold();

@@ -151,6 +151,74 @@ TEST(MakeScene, OnlyLabelsAreShownUnderTheLightOfAll) {
   EXPECT_EQ(provenance(truth)["structures"], provenance(d)["structures"]);
 }
 
+/// A dense ball, whole or cut open at z = 6.
+Result<std::unique_ptr<Scene>> dense_ball(bool cut, const std::string& truth_of = {}) {
+  SceneDescription d = description();
+  if (truth_of.empty()) {
+    d.raycast.lighting.samples = 4;
+    d.range = {20, 60};
+    if (cut) d.raycast.clip = {{glm::dvec3(5.5, 5.5, 6), glm::dvec3(0, 0, 1)}};
+  }
+  d.truth_of = truth_of;
+  return make_scene(d);
+}
+
+TEST(MakeScene, OneLightServesScenesThatAreCut) {
+  const std::shared_ptr<const Scene> whole = std::move(*dense_ball(false));
+  const auto own = dense_ball(true), cut = dense_ball(true);
+  ASSERT_TRUE(own && cut);
+  ASSERT_TRUE((*cut)->share_light(whole));
+  ASSERT_TRUE((*own)->prepare() && (*cut)->prepare());
+  // Far from the cut, the light is that of the whole ball; the face has its own.
+  const auto from = [](const Scene& scene, const glm::dvec3& eye) {
+    return scene.trace(eye, glm::dvec3(5.5) + 0.8 * (glm::dvec3(5.5) - eye)).rgba;
+  };
+  const glm::dvec3 below(5, 6, -12), above(5, 6, 20), aside(-9, 5, -4);
+  EXPECT_EQ(from(**cut, below), from(*whole, below));
+  EXPECT_NE(from(**cut, above), from(*whole, above));
+  EXPECT_NEAR(from(**cut, above).r, from(**own, above).r, 0.1);
+  EXPECT_GT(from(**cut, above).r, 0.2);
+  EXPECT_NE(from(**own, aside), from(*whole, aside));
+  EXPECT_EQ(from(**cut, aside), from(*whole, aside));
+  EXPECT_EQ((*cut)->light(), whole->light());
+
+  // The provenance tells whose light it is, and takes the light that a field keeps.
+  const auto told = nlohmann::json::parse((*cut)->provenance());
+  EXPECT_EQ(told["light_of"], (nlohmann::json{{"clip", nullptr}}));
+  const auto again = dense_ball(true, (*cut)->provenance());
+  ASSERT_TRUE(again) << again.error().message;
+  EXPECT_TRUE((*again)->set_light(whole->light()));
+  const auto whole_again = dense_ball(false, whole->provenance());
+  ASSERT_TRUE((*whole_again)->set_light(whole->light()));
+  EXPECT_EQ(from(**again, below), from(**whole_again, below));
+  EXPECT_NEAR(from(**again, above).r, from(**cut, above).r, 0.01);  // its step is finer
+}
+
+TEST(MakeScene, RefusesTheLightOfAnUnlikeScene) {
+  const auto refusal = [](const SceneDescription& d, std::shared_ptr<const Scene> from) {
+    const auto scene = make_scene(d);
+    EXPECT_TRUE(scene);
+    const auto shared = (*scene)->share_light(std::move(from));
+    return shared ? "" : shared.error().message;
+  };
+  const std::shared_ptr<const Scene> whole = std::move(*dense_ball(false));
+  const std::shared_ptr<const Scene> cut = std::move(*dense_ball(true));
+  SceneDescription d = description();
+  EXPECT_THAT(refusal(d, whole), HasSubstr("but /lighting/samples differs"));
+  d.raycast.lighting.samples = 4;
+  EXPECT_THAT(refusal(d, whole), HasSubstr("/transfer"));
+  d.range = {20, 60};
+  EXPECT_EQ(refusal(d, whole), "");
+  EXPECT_THAT(refusal(d, cut), HasSubstr("reaches out of the box"));
+  ASSERT_TRUE(cut->share_light(whole));
+  EXPECT_THAT(refusal(d, cut), HasSubstr("the light of a third"));
+  d.lighting = Lighting::direct;
+  EXPECT_THAT(refusal(d, whole), HasSubstr("only volumes under"));
+  d = SceneDescription();
+  d.input = "scene:balls";
+  EXPECT_THAT(refusal(d, whole), HasSubstr("only volumes under"));
+}
+
 TEST(MakeScene, LabelsOfOneNameAreOneStructure) {
   SceneDescription d = slabs();
   const auto ids = [](const Result<std::vector<LabelGroup>>& groups) {
