@@ -7,8 +7,8 @@ The states are a volume, and the same cut open by planes ever further down: `--s
 With `--one-light`, they have the light of the first. With `--times`, they are the time points of a
 4-D volume. For each state it prints the bytes that it adds to the field of all, the bytes of a
 field of its own, what share of tiles it has in common with earlier states, and the PSNR of views of
-both fields to ray-casting, the latter under its own light. Then the sums: all states in one field; a
-field for each; the same if equal tiles were stored once, but nothing were predicted from other
+both fields to ray-casting, the latter under its own light. Then the sums: all states in one
+field; a field for each; the same if equal tiles were stored once, but nothing were predicted from other
 states. Options after `--` are those of `slf build`, as `-- --levels 1 --lighting direct`.
 """
 
