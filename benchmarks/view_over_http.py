@@ -3,10 +3,10 @@
 
     benchmarks/view_over_http.py SLF FIELD.slf [--views N] [--json FILE]
 
-SLF is build/release/cli/slf. The field is exported unchanged. Each view is opened cold in a headless
-Chromium, from hosts that serve several ranges in a request and from hosts that serve one, without
-delay and as over a link of 10 Mbit/s and 40 ms. This program simulates the host and the link
-(tests/view/host.py). "h2": nginx serves one range in a request, over HTTP/2, without delay.
+SLF is build/release/cli/slf. The field is exported unchanged. Each view is opened cold, as the
+first one of the exported page, in a headless Chromium, from hosts that serve several ranges in a
+request and from hosts that serve one, without delay and as over a link of 10 Mbit/s and 40 ms. This
+program simulates the host and the link (tests/view/host.py). "h2": nginx serves one range in a request, over HTTP/2, without delay.
 
 Columns: requests, dependent round trips, bytes of the field and milliseconds, from the beginning of
 the page, until the first picture and until the view is complete; bytes also relative to the payload
@@ -113,7 +113,13 @@ def main():
 
     rows, frames = [], {}  # frames: milliseconds of the page's pictures, by view
     with tempfile.TemporaryDirectory() as folder, Browser() as browser:
-        slf("export", arguments.field, "-o", folder, "-f")
+        def export(view):
+            views = os.path.join(folder, "views")
+            with open(views, "w") as file:
+                json.dump({"views": [{"title": "First", "orbit": view}]}, file)
+            slf("export", arguments.field, "-o", folder, "-f", "--views", views)
+
+        export(VIEWS[0])
         field = os.path.join(folder, "field.slf")
         level = json.loads(slf("info", field, "--json"))["levels"][-1]["level"]
         print(f"{platform.node()}: {os.cpu_count()} cores; {os.path.getsize(field)} bytes of field")
@@ -121,6 +127,7 @@ def main():
               f"| complete: req trips   bytes ratio    ms | all: req   bytes", flush=True)
         for view in VIEWS[:arguments.views]:
             text = ",".join(map(str, view))
+            export(view)
             drawn = slf("render", field, "-o", os.path.join(folder, "view.png"), "-f", "--orbit",
                         text, "--size", str(SIZE), "--level", str(level), "--stats", "--json")
             payload = json.loads(drawn)["compressed_bytes"]
@@ -132,8 +139,7 @@ def main():
                           Host(folder, ranges, rate, delay)) as host:
                         page = browser.open("about:blank", SIZE, SIZE)
                         page.call("Security.setIgnoreCertificateErrors", ignore=True)
-                        page.call("Page.navigate", url=f"{host.url}/index.html#view={text}"
-                                  f"&mode=depth&level={level}")
+                        page.call("Page.navigate", url=f"{host.url}/index.html#level={level}")
                         page.settle()
                         page.wait("!slf.statistics().busy")
                         found = page.run("slf.statistics()")
@@ -155,12 +161,12 @@ def main():
         print("view       link              | workers: tiles a second   idle")
         for view in VIEWS[:arguments.views]:
             text = ",".join(map(str, view))
+            export(view)
             for link, (rate, delay) in LINKS.items():
                 with Host(folder, "many", rate, delay) as host:
                     page = browser.open("about:blank", SIZE, SIZE)
                     workers = Workers(page)
-                    page.call("Page.navigate", url=f"{host.url}/index.html#view={text}"
-                              f"&mode=depth&level={level}")
+                    page.call("Page.navigate", url=f"{host.url}/index.html#level={level}")
                     workers.wait("self.slf?.statistics().complete && !slf.statistics().busy")
                     speed, idle = workers.work()
                     page.close()

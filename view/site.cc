@@ -17,6 +17,7 @@
 #include "slf/camera.h"
 #include "slf/field.h"
 #include "slf/image.h"
+#include "slf/inspect.h"
 #include "slf/render.h"
 #include "view/page.h"
 
@@ -83,6 +84,7 @@ void replace_first(std::string& text, std::string_view what, std::string_view by
 /// What the page shows before any script runs: its first view, on dark and on light.
 struct Posters {
   std::string title, dark, light;  ///< JPEG files
+  std::string first;  ///< ranges in the file, "BEGIN-END …", of the tiles of level 0 of that view
 };
 
 Result<Posters> make_posters(const std::string& path, const Views& views) {
@@ -113,6 +115,20 @@ Result<Posters> make_posters(const std::string& path, const Views& views) {
     for (const char* key : {"name", "source"})
       if (provenance.contains(key) && provenance[key].is_string())
         posters.title = fs::path(provenance[key].get<std::string>()).filename().string();
+  ViewStatistics coarse;
+  if (!renderer.render(camera, {mode, 0}, &coarse)) return posters;
+  std::vector<Field> parts;
+  if (!field.structures())
+    parts = {field};
+  else
+    for (const Structure& one : *field.structures()) parts.push_back(one.field);
+  for (const Field& part : parts)
+    SLF_TRY(list_tiles(part, {.last_level = 0}, [&](const ListedTile& tile) {
+      if (tile.payload_bytes > 0 && std::ranges::binary_search(coarse.tiles, tile.key))
+        posters.first += std::to_string(tile.offset_bytes) + "-" +
+                         std::to_string(tile.offset_bytes + tile.payload_bytes) + " ";
+      return Result<void>();
+    }));
   auto image = renderer.render(camera, {mode, matching_level(field.shape(), camera, mode)});
   if (!image) return posters;  // a damaged field is shown as far as it can be read
   SLF_TRY(map_tones(field, std::nullopt, /*display=*/true, *image));
@@ -209,7 +225,7 @@ Result<void> export_site(const std::string& field, const std::string& input,
   }
   const auto posters = SLF_TRY(make_posters(field, views));
   const std::string element =
-      page_with("src=\"field.slf\"" + views.attributes +
+      page_with("src=\"field.slf\" first=\"" + posters.first + "\"" + views.attributes +
                     (views.json.empty() ? "" : " views=\"" + std::string(kViewsFile) + "\""),
                 poster_element(posters, std::string(kDarkPoster), std::string(kLightPoster)));
   for (const auto& [name, text] : std::initializer_list<std::pair<std::string_view, std::string>>{

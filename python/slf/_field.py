@@ -15,7 +15,7 @@ import numpy as np
 
 from . import _slf
 from ._errors import UnsupportedError, UsageError
-from ._notebook import View, bundle
+from ._notebook import View, bundle, server_base
 from ._progress import Progress, reporter
 from ._source import SourceSettings, scene_of
 from ._types import (BuildReport, Camera, Content, Difference, Evaluation, Frame, Look, Measurement,
@@ -398,9 +398,10 @@ class Field:
         """The page of `slf view`, turned by the mouse, in a notebook; its `url` for a browser.
 
         A server on this machine sends the page the parts of the file that views need. It runs
-        until the field is closed.
-        page: where a browser on another machine cannot reach that server: a file .html beside the
-            notebook, to write page and field to and to show.
+        until the field is closed. Where the notebook's server is on another machine than the
+        browser, jupyter-server-proxy leads there; without it, the notebook gets a field of at most
+        20 MiB whole.
+        page: a file .html beside the notebook, to write page and field to and to show.
         views: saved views and notes that the page shows: a file, or what such a file has
             (schemas/views.json).
         force: replace that file, or write into a folder that has files in it.
@@ -412,14 +413,15 @@ class Field:
             raise UnsupportedError(f"{self.path}: a page shows a file, not what is composed of it")
         if page is not None:
             export(self, page, views=views, force=force)
-            return View(path_text(page))
+            return View(path_text(page), self)
         if self._server is None or views is not None:
-            server = _slf.Server([self.path], *_views(views))
+            # A proxy passes on the name of its own host.
+            server = _slf.Server([self.path], *_views(views), server_base() is not None)
             if self._server is not None:
                 self._server.close()
             self._server = server
             _with_threads.add(self)
-        return View(self._server.url)
+        return View(self._server.url, self, views)
 
     def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> Any:
         return None if self._open is None else bundle(self)

@@ -4,7 +4,12 @@ from __future__ import annotations
 
 import base64
 import html
+import importlib.util
+import json
+import os
+import pathlib
 import struct
+import tempfile
 import zlib
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +19,8 @@ from ._errors import Error
 
 if TYPE_CHECKING:
     from ._field import Field
+
+_MAX_EMBEDDED = 20 << 20  # bytes of a field that a notebook gets whole
 
 
 def png(picture: np.ndarray) -> bytes:
@@ -37,11 +44,43 @@ def _frame(url: str) -> str:
             f"allowfullscreen></iframe><p><a href='{url}' target='_blank'>{url}</a></p>")
 
 
+def server_base() -> str | None:
+    """Where this kernel's notebook server is on its host, such as "/user/me/", if its readers may
+    be at other machines; None if they are at this one."""
+    base = os.environ.get("JUPYTERHUB_SERVICE_PREFIX")
+    if base:
+        return base
+    try:
+        from jupyter_core.paths import jupyter_runtime_dir
+        pid = os.environ["JPY_PARENT_PID"]
+        for kind in ("jpserver", "nbserver"):  # what servers say about themselves
+            file = pathlib.Path(jupyter_runtime_dir(), f"{kind}-{pid}.json")
+            if file.exists():
+                server = json.loads(file.read_text())
+                here = server["hostname"] in ("localhost", "127.0.0.1", "::1")
+                return None if here and server["base_url"] == "/" else str(server["base_url"])
+    except (ImportError, KeyError, OSError, ValueError):
+        pass
+    return None
+
+
+def _reachable(url: str) -> str | None:
+    """The address of a page of this machine for the notebook's reader, if there is one."""
+    base = server_base()
+    if base is None or "://" not in url:
+        return url
+    if not importlib.util.find_spec("jupyter_server_proxy"):
+        return None
+    return f"{base}proxy/{url.rpartition(':')[2]}"  # PORT/NAME/
+
+
 def _page(field: Field) -> str:
     """The page, which loads when it is unfolded; nothing if it cannot be served."""
     try:
-        url = field.show().url
+        url = _reachable(field.show().url)
     except Error:
+        return ""
+    if not url:
         return ""
     return f"<details><summary>Turn it with the mouse</summary>{_frame(url)}</details>"
 
@@ -71,11 +110,24 @@ def bundle(field: Field) -> dict[str, Any]:
 class View:
     """The page that shows a field, at a URL."""
 
-    def __init__(self, url: str) -> None:
+    def __init__(self, url: str, field: Field, views: Any = None) -> None:
         self.url = url
+        self._field, self._views = field, views
 
     def __repr__(self) -> str:
         return f"<slf view at {self.url}>"
 
     def _repr_html_(self) -> str:
-        return _frame(self.url)
+        url = _reachable(self.url)
+        if url:
+            return _frame(url)
+        if self._field.file_bytes > _MAX_EMBEDDED:
+            return ("<p>The browser cannot reach the page of this field, which is on the notebook's "
+                    "machine, and the field is too large to embed. Install jupyter-server-proxy "
+                    "there, or <code>field.show(\"page.html\")</code> writes a file beside the "
+                    "notebook, or <code>slf.repack</code> makes a smaller field.</p>")
+        with tempfile.TemporaryDirectory() as folder:
+            page = pathlib.Path(folder, "page.html")
+            self._field.show(page, views=self._views)
+            text = html.escape(page.read_text("utf-8"))
+        return f"<iframe srcdoc='{text}' width='100%' height='540' style='border:0'></iframe>"

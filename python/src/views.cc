@@ -23,9 +23,9 @@ namespace {
 /// Serves fields on a thread of its own until it is closed.
 class ViewServer {
  public:
-  ViewServer(const Texts& fields, const view::ViewsFile& views)
+  ViewServer(const Texts& fields, const view::ViewsFile& views, bool any_host)
       : server_(value_of(view::Server::make(std::vector<std::string>(fields.begin(), fields.end()),
-                                            {.views = views}),
+                                            {.any_host = any_host, .views = views}),
                          fields.empty() ? Text() : fields.front())),
         thread_([this] { (void)server_.run([this] { return stop_.load(); }); }) {}
   ~ViewServer() { close(); }
@@ -73,9 +73,10 @@ void export_field(const Text& field, const Text& output, const Text& views,
 
 void bind_views(py::module_& module) {
   py::class_<ViewServer>(module, "Server")
-      .def(py::init([](const Texts& fields, const Text& views, const std::optional<Text>& json) {
+      .def(py::init([](const Texts& fields, const Text& views, const std::optional<Text>& json,
+                       bool any_host) {
         check_page();
-        return std::make_unique<ViewServer>(fields, views_of(views, json));
+        return std::make_unique<ViewServer>(fields, views_of(views, json), any_host);
       }))
       .def_property_readonly("url", [](const ViewServer& server) { return Text(server.url()); })
       .def("close", &ViewServer::close);

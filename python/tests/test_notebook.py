@@ -40,6 +40,25 @@ def test_field_shows_its_page_beside_the_picture(balls, tmp_path):
     assert str(tmp_path / "page.html") in view._repr_html_()
 
 
+def test_a_notebook_on_another_machine(balls, monkeypatch):
+    try:
+        monkeypatch.setenv("JUPYTERHUB_SERVICE_PREFIX", "/user/me/")
+        view = balls.show()
+    except slf.UnsupportedError as error:
+        pytest.skip(str(error))
+    assert "<iframe srcdoc='&lt;!doctype html" in view._repr_html_()
+    assert "<iframe" not in balls._repr_mimebundle_()["text/html"]
+    monkeypatch.setattr("slf._notebook._MAX_EMBEDDED", balls.file_bytes - 1)
+    assert "<iframe" not in view._repr_html_()
+    assert "jupyter-server-proxy" in view._repr_html_()
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: name == "jupyter_server_proxy")
+    port, name = view.url.split(":")[2].split("/")[:2]
+    assert f"<iframe src='/user/me/proxy/{port}/{name}/'" in view._repr_html_()
+    request = urllib.request.Request(view.url, headers={"Host": "hub.example.org"})
+    with urllib.request.urlopen(request) as page:
+        assert page.status == 200
+
+
 def test_html_escapes_what_the_file_says(tmp_path):
     scene = slf.build("scene:balls", tmp_path / "<b>&.slf", entry=2, exit=4, finest_level=0)
     html = scene._repr_mimebundle_()["text/html"]

@@ -23,10 +23,27 @@ sys.dont_write_bytecode = True
 
 from browser import Browser, BrowserError
 from host import Host
+import nginx
 
 SLF, WORK = sys.argv[1:3]
 # A name that is not of this machine, as browsers see it.
 FOREIGN = "notebooks.example.org"
+PROXY = """
+daemon off; master_process off; pid {work}/pid; error_log {work}/log;
+events {{ worker_connections 512; }}
+http {{
+  access_log {work}/access.log;
+  client_body_temp_path {work}/b; proxy_temp_path {work}/p; fastcgi_temp_path {work}/f;
+  uwsgi_temp_path {work}/u; scgi_temp_path {work}/s;
+  server {{
+    listen 127.0.0.1:{port};
+    proxy_http_version 1.1; proxy_set_header Host $http_host;
+    proxy_set_header Upgrade $http_upgrade; proxy_set_header Connection "upgrade";
+    location ~ ^{base}proxy/([0-9]+)(/.*)$ {{ proxy_pass http://127.0.0.1:$1$2$is_args$args; }}
+    location {base} {{ proxy_pass {notebook}; }}
+  }}
+}}
+"""
 CELLS = ["import slf\nfield = slf.open('field.slf')\nfield.show()", "field"]
 
 
@@ -40,24 +57,25 @@ def slf(*arguments):
 
 
 class Notebook:
-    """A Notebook server of a folder, which listens on an address."""
+    """A Notebook server of a folder, which listens on an address; its pages are below `base`."""
 
-    def __init__(self, folder, address):
+    def __init__(self, folder, address, base="/", variables=(), options=()):
         with socket.socket() as probe:
             probe.bind(("127.0.0.1", 0))
             port = probe.getsockname()[1]
         self.config = tempfile.mkdtemp(prefix="slf-jupyter-")
         environment = os.environ | {"HOME": self.config, "JUPYTER_CONFIG_DIR": self.config,
                                     "JUPYTER_DATA_DIR": self.config,
-                                    "JUPYTER_RUNTIME_DIR": self.config}
+                                    "JUPYTER_RUNTIME_DIR": self.config} | dict(variables)
         self.log = open(os.path.join(self.config, "log"), "w")
         self.process = subprocess.Popen(
             [sys.executable, "-m", "notebook", "--allow-root", "--no-browser",
              f"--ip={address}", f"--port={port}", "--NotebookApp.port_retries=0",
-             "--NotebookApp.token=", "--NotebookApp.password=", f"--notebook-dir={folder}"],
+             "--NotebookApp.token=", "--NotebookApp.password=", f"--notebook-dir={folder}",
+             f"--NotebookApp.base_url={base}", *options],
             env=environment, stdout=self.log, stderr=self.log, start_new_session=True)
         host = f"[{address}]" if ":" in address else address
-        self.url = f"http://{host}:{port}"
+        self.url = f"http://{host}:{port}{base.rstrip('/')}"
 
     def __enter__(self):
         deadline = time.monotonic() + 60
@@ -74,6 +92,32 @@ class Notebook:
         self.process.wait()
         self.log.close()
         shutil.rmtree(self.config, ignore_errors=True)
+
+
+class PathProxy:
+    """nginx as the front of a hub: the notebook server below a path and, as jupyter-server-proxy
+    does it, the ports of its machine below that one's proxy/, with the headers that came."""
+
+    def __init__(self, notebook, base):
+        self.work = tempfile.mkdtemp(prefix="slf-proxy-")
+        with socket.socket() as probe:
+            probe.bind(("127.0.0.1", 0))
+            port = probe.getsockname()[1]
+        with open(os.path.join(self.work, "conf"), "w") as file:
+            file.write(PROXY.format(work=self.work, port=port, base=base,
+                                    notebook=notebook.url.removesuffix(base.rstrip("/"))))
+        self.url = f"http://{FOREIGN}:{port}{base.rstrip('/')}"
+        self.process = subprocess.Popen(
+            [nginx.program(), "-p", self.work, "-c", os.path.join(self.work, "conf"), "-e",
+             os.path.join(self.work, "log")])
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.process.terminate()
+        self.process.wait(20)
+        shutil.rmtree(self.work, ignore_errors=True)
 
 
 class NotebookTest(unittest.TestCase):
@@ -133,13 +177,13 @@ class NotebookTest(unittest.TestCase):
         colours = len(set(frame.getdata()))
         (self.assertGreater if there else self.assertLess)(colours, 1000)
 
-    def run_cells(self, notebook):
+    def run_cells(self, notebook, count=2):
         page = self.browser.open(notebook.url + "/notebooks/shown.ipynb", 1000, 1800)
         page.wait("globalThis.Jupyter?.notebook?.kernel?.is_connected()")
         page.run("Jupyter.notebook.execute_all_cells()")
         shown = "document.querySelectorAll('.output_area iframe').length"
         failed = "document.querySelector('.output_error')?.textContent"
-        page.wait(f"{shown} === 2 || {failed}", 60)
+        page.wait(f"{shown} === {count or shown} && {shown} > 0 || {failed}", 60)
         self.assertIsNone(page.run(failed))
         return page
 
@@ -160,6 +204,38 @@ class NotebookTest(unittest.TestCase):
                 for frame in self.frames(2):
                     self.expect_field(frame, "display")
                 page.close()
+
+    def shown_away(self, variables, *options):
+        """The frame's field, in a notebook that the browser reaches by a proxy only."""
+        base = "/user/me/"
+        with Notebook(WORK, "localhost", base, variables,
+                      ["--NotebookApp.allow_remote_access=True", *options]) as notebook, \
+                PathProxy(notebook, base) as proxy:
+            page = self.run_cells(proxy, count=None)
+            frame = "document.querySelector('.output_area iframe')"
+            page.run(f"{frame}.scrollIntoView()")
+            page.wait(f"{frame}.contentWindow.slf?.state === 'settled'", 60)
+            found = page.run(f"[{frame}.contentWindow.location.href, "
+                             "document.querySelectorAll('.output_area iframe').length]")
+            self.expect_visible(page, "away")
+            self.assertEqual([line for line in page.complaints() if "slf" in line], [])
+            page.close()
+            return found
+
+    @unittest.skipUnless(nginx.program(), "no nginx")
+    def test_a_notebook_on_another_machine(self):
+        modules = path("modules")
+        os.makedirs(modules, exist_ok=True)
+        places = os.pathsep.join([modules, os.environ.get("PYTHONPATH", "")])
+        hub = {"JUPYTERHUB_SERVICE_PREFIX": "/user/me/"}
+        # Of the server below a path, or of a hub: embedded.
+        for variables in [{}, hub]:
+            self.assertEqual(self.shown_away(variables), ["about:srcdoc", 1])
+        with open(os.path.join(modules, "jupyter_server_proxy.py"), "w"):
+            pass
+        where, count = self.shown_away({"PYTHONPATH": places})
+        self.assertRegex(where, r"/user/me/proxy/[0-9]+/field/#")
+        self.assertEqual(count, 2)  # the field's own display has the page, too
 
     def test_only_origins_that_are_named_frame_it_too(self):
         folder = path("foreign")

@@ -210,7 +210,7 @@ class PageTest(unittest.TestCase):
             self.assertGreaterEqual(found, MIN_PSNR["depth"])
 
     def test_structures(self):
-        """The list of structures: hidden, alone, faded and tinted ones, as slf render draws them."""
+        """The list: what is hidden, alone, faded and tinted looks as slf render draws it."""
         field = self.structured()
         with Server(field) as server:
             page = self.browser.open(server.url, SIZE, SIZE)
@@ -458,6 +458,48 @@ class PageTest(unittest.TestCase):
                     # Tiles are small here: the headers of parts take 140 bytes each.
                     self.assertLessEqual(host.bytes("field.slf"), 1.5 * payload + index + 65536)
                 page.close()
+
+    def early_site(self):
+        """A folder whose level 0 is too large to be loaded whole."""
+        field, folder = path("early.slf"), path("early")
+        slf("build", "scene:fog", "--entry", 4, "--exit", 16, "--levels", 0, "--codec", "raw",
+            "-o", field, "-f")
+        slf("export", field, "-o", folder, "-f")
+        return folder
+
+    def test_the_first_tiles_come_before_the_module(self):
+        """The exporter lists them; no other request for tiles comes before the first picture."""
+        class Late(Handler):  # the module comes after the tiles are asked for
+            ranges_asked = []
+
+            def do_GET(self):
+                if self.path.endswith("field.slf"):
+                    Late.ranges_asked.append(self.headers["Range"])
+                deadline = time.monotonic() + 20
+                while self.path.endswith("module.bin") and len(Late.ranges_asked) < 3 \
+                        and time.monotonic() < deadline:
+                    time.sleep(0.01)
+                super().do_GET()
+
+        with Host(self.early_site(), handler=Late) as host:
+            page = self.open(host.url + "/index.html")
+            page.settle()
+            found = page.run("slf.statistics().first")
+            page.close()
+            self.assertIn(",", Late.ranges_asked[2])
+            self.assertLessEqual(found["requests"], 4)
+            self.assertLess(found["milliseconds"], 20000)
+
+    def test_a_list_of_first_tiles_that_is_wrong_does_no_harm(self):
+        folder = self.early_site()
+        field = os.path.join(folder, "field.slf")
+        slf("export", self.fields[0], "-o", path("other"), "-f")
+        shutil.copy(path("other/field.slf"), field)  # smaller; index.html is of the old one
+        with Host(folder) as host:
+            page = self.open(host.url + "/index.html")
+            page.settle()
+            self.assertGreaterEqual(self.psnr(page, field, VIEWS[0], "depth", 2), MIN_PSNR["depth"])
+            page.close()
 
     def test_requests_that_share_a_connection_fill_few_gaps(self):
         if not Nginx.available():
@@ -923,6 +965,64 @@ class PageTest(unittest.TestCase):
             page.wait(behind + " === 'false,true'", 10)
             page.run("slf.flyTo('210,-20,3')")
             page.wait(behind + " === 'true,false'", 20)
+            page.close()
+
+    def phone(self, server, fragment=""):
+        page = self.browser.open("about:blank", 390, 844)
+        page.call("Emulation.setTouchEmulationEnabled", enabled=True)
+        page.call("Page.navigate", url=server.url + fragment)
+        page.settle()
+        return page
+
+    def test_labels_of_notes_do_not_overlap_on_a_phone(self):
+        sphere = json.loads(slf("info", self.fields[0], "--json"))["sphere"]
+        notes = [{"label": f"Number {i} of several", "point": [
+            c + 0.1 * sphere["radius"] * (i % d - 1) for c, d in zip(sphere["center"], [2, 3, 4])]}
+            for i in range(8)]
+        with self.explained({"notes": notes}) as server:
+            page = self.phone(server, "#view=30,20,1.5")
+            page.run("slf.probe = () => [], slf.moved(), 0")  # nothing is in front of them
+            page.wait("slf.root.querySelectorAll('.note:not(.behind)').length === 8")
+            page.screenshot(path("notes.png"))
+            found = page.run("""[...slf.root.querySelectorAll('.note:not(.crowded)')].map((note) =>
+                (({left, top, right, bottom}) => [left, top, right, bottom])(
+                  note.getBoundingClientRect()))""")
+            self.assertGreater(len(found), 2)
+            for i, a in enumerate(found):
+                self.assertTrue(a[0] >= 0 and a[1] >= 0 and a[2] <= 390 and a[3] <= 844, a)
+                for b in found[:i]:
+                    self.assertTrue(a[2] <= b[0] or b[2] <= a[0] or a[3] <= b[1] or b[3] <= a[1])
+            page.close()
+
+    def test_swipes_and_copying_a_view(self):
+        views = [{"title": f"View {i}", "orbit": [30 * i, 10, 2.5]} for i in range(3)]
+        with self.explained({"views": views}) as server:
+            page = self.phone(server)
+            box = page.run("(({left, top, width, height}) => [left + width / 2, top + height / 2])"
+                           "(slf.root.getElementById('views').getBoundingClientRect())")
+
+            def swipe(by):
+                for kind, x in [("touchStart", box[0] - by / 2), ("touchMove", box[0]),
+                                ("touchMove", box[0] + by / 2), ("touchEnd", None)]:
+                    page.call("Input.dispatchTouchEvent", type=kind,
+                              touchPoints=[] if x is None else [{"x": x, "y": box[1]}])
+
+            for by, orbit in [(-120, "30,10,2.5"), (-120, "60,10,2.5"), (120, "30,10,2.5")]:
+                swipe(by)
+                page.wait(f"slf.camera.toText() === '{orbit}'", 20)
+            swipe(20)  # too short
+            page.run("slf.camera.fromText('12.5,-40,2.25,0.1,0,0.2'), slf.moved(), 0")
+            page.run("navigator.clipboard.writeText = async (text) => { globalThis.copied = text }, "
+                     "slf.root.getElementById('copy').click(), 0")
+            page.wait("globalThis.copied")
+            copied = json.loads(page.run("copied"))
+            page.close()
+        with self.explained({"views": [copied]}) as server:
+            page = self.browser.open(server.url, SIZE, SIZE)
+            page.settle()
+            camera = page.run("slf.camera.toText()").split(",")
+            for found, expected in zip(camera, [12.5, -40, 2.25, 0.1, 0, 0.2], strict=True):
+                self.assertAlmostEqual(float(found), expected, places=3)
             page.close()
 
     def test_wrong_views_are_refused(self):

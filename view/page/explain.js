@@ -6,6 +6,7 @@ const kSwipe = 40;      // pixels that a swipe moves at least
 const kProbe = 120;     // milliseconds between looks at which notes have matter in front of them
 const kBehind = 0.03;   // radii that a note may lie below the surface
 const kBar = 120;       // pixels: the longest scale bar
+const kCorners = [[0, 0], [1, 1], [0, 1], [1, 0]];  // of a label, that may be at its point
 
 // Shows plain text, with its addresses as links.
 function fill(element, text = '') {
@@ -129,8 +130,9 @@ export class Explain {
     this.byId('cross').hidden = !this.tool;
     this.marks = [];
     this.place();
-    this.element.say(!this.tool ? '' : `Click ${tool === 'ruler' ? 'two points' : 'a point'} of the ` +
-             'surface, or press Enter for the one in the middle.');
+    this.element.say(!this.tool ? ''
+      : `Click ${tool === 'ruler' ? 'two points' : 'a point'} of the surface, or press Enter for ` +
+        'the one in the middle.');
   }
   // A click on the surface, at a result of Viewer.pick().
   picked(found) {
@@ -152,20 +154,36 @@ export class Explain {
 
   // Puts notes, ruler and scale bar where they belong in the view.
   place() {
-    const {viewer, notes} = this;
+    const {viewer} = this;
     if (!viewer.field?.shape) return;
-    for (const note of notes) {
-      const {x, y, far} = Object.assign(note, viewer.project(note.point));
-      note.element.style.transform = `translate(${x.toFixed(1)}px, ${y.toFixed(1)}px)`;
-      note.element.classList.toggle(
-        'left', x + note.element.offsetWidth > viewer.canvas.clientWidth);
-      if (far <= 0) this.hide(note, true);
-    }
+    this.placeNotes();
     this.byId('lines').replaceChildren(...this.ruler());
     this.scale();
     const now = performance.now();
     if (now - (this.probed ?? 0) > kProbe) this.probe();
     else this.later ??= setTimeout(() => this.probe(), kProbe);
+  }
+  // Puts each label beside its point where it covers none of a nearer note, or else only a dot.
+  placeNotes() {
+    const {clientWidth, clientHeight} = this.viewer.canvas, taken = [];
+    for (const note of this.notes) Object.assign(note, this.viewer.project(note.point));
+    for (const note of [...this.notes].sort((a, b) => a.distance - b.distance)) {
+      const {element, x, y} = note, {offsetWidth: width, offsetHeight: height} = element;
+      const box = ([u, v]) => [x - u * width, y - v * height];
+      const free = (corner) => {
+        const [left, top] = box(corner);
+        return left >= 0 && top >= 0 && left + width <= clientWidth &&
+          top + height <= clientHeight && taken.every(([l, t, w, h]) =>
+            left >= l + w || l >= left + width || top >= t + h || t >= top + height);
+      };
+      if (note.far <= 0) this.hide(note, true);
+      const corner = [note.corner ?? kCorners[0], ...kCorners].find(free);
+      const [u, v] = note.corner = corner ?? kCorners[0], [left, top] = box(note.corner);
+      if (corner && !note.behind) taken.push([left, top, width, height]);
+      element.style.transform = `translate(${left.toFixed(1)}px, ${top.toFixed(1)}px)`;
+      for (const [name, on] of Object.entries({left: u, above: v, crowded: !corner}))
+        element.classList.toggle(name, Boolean(on));
+    }
   }
   // Hides the notes that have matter in front of them.
   probe() {
@@ -176,6 +194,7 @@ export class Explain {
     this.probed = performance.now();
     const found = viewer.probe(notes.map(({x, y}) => [x, y]));
     notes.forEach((note, i) => this.hide(note, found[i]?.distance < note.distance - kBehind));
+    this.placeNotes();
   }
   hide(note, behind) {
     note.behind = behind;

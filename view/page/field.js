@@ -160,6 +160,17 @@ export class Field {
     return this.pagesAt(this.native.calls.slf_first_tiles(kFirstRays));
   }
 
+  // Of these pages, those that the source fetches early or that have no payload; none if it fetches
+  // none early.
+  async early(pages) {
+    const {early} = this.source;
+    if (!early?.size) return [];
+    const found = await this.find(this.inFile(pages).map((page) => this.tile(page)));
+    const late = new Set(found.flatMap(({state, begin, end}, i) =>
+      state === kStored && !early.has(`${begin},${end}`) ? i % pages.length : []));
+    return pages.filter((_, i) => !late.has(i));
+  }
+
   // The pages of tiles, and of all tiles that these are predicted from, as far as the field lists
   // them and prepare() has read the lists.
   withAncestors(tiles) {

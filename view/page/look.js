@@ -175,7 +175,9 @@ button[aria-pressed="true"] { background: var(--accent); color: #06101f; }
 @media (pointer: coarse) { #list input[type="range"] { height: 44px; } }
 #list input[type="color"] { width: 44px; }
 #list .off :is(span, input) { opacity: 0.6; }
-.eye[aria-pressed] { background: transparent; color: inherit; border-color: transparent; padding: 0; }
+.eye[aria-pressed] {
+  background: transparent; color: inherit; border-color: transparent; padding: 0;
+}
 .eye svg { width: 24px; height: 24px; fill: none; stroke: currentcolor; stroke-width: 1.8; }
 .eye[aria-pressed="true"] .slash { display: none; }
 .eye[aria-pressed="false"] { color: var(--dim); }
@@ -205,9 +207,11 @@ button[aria-pressed="true"] { background: var(--accent); color: #06101f; }
   content: ''; position: absolute; left: -5px; top: -5px; width: 10px; height: 10px;
   border-radius: 50%; background: var(--accent); border: 1px solid #000;
 }
-.note.left { translate: -100% -100%; }
-.note.left::before { left: auto; top: auto; right: -5px; bottom: -5px; }
-.note.behind:not(:focus-within) { opacity: 0; pointer-events: none; }
+.note.left::before { left: auto; right: -5px; }
+.note.above::before { top: auto; bottom: -5px; }
+.note:focus-within { z-index: 1; }
+.note:is(.behind, .crowded):not(:focus-within) { pointer-events: none; background: none; }
+.note.behind:not(:focus-within), .note.crowded:not(:focus-within) > * { opacity: 0; }
 .note button { border: 0; border-radius: 22px; padding: 2px 14px; text-align: left; }
 .note p { margin: 0; padding: 0 14px 10px; }
 #cross {
@@ -221,7 +225,7 @@ button[aria-pressed="true"] { background: var(--accent); color: #06101f; }
   width: min(460px, calc(100% - 24px)); max-height: 40%; align-items: center; gap: 8px;
   padding: 8px; backdrop-filter: blur(10px); touch-action: pan-y;
 }
-#views div { flex: 1; overflow: auto; max-height: 100%; }
+#views div { flex: 1; overflow: auto; max-height: 100%; touch-action: pan-y; }
 #views button { flex: none; font-size: 22px; }
 #title { font-weight: 600; color: inherit; display: inline-block; padding: 10px 0; }
 #count { color: var(--dim); }

@@ -1,7 +1,7 @@
 // <slf-field src="field.slf" poster="poster.jpg" views="views.json" view="30,20,3" address>: an
 // element that shows a field (doc/web.md). With `address`, as in the page of slf view and of
-// exports, the page belongs to it: its address has the view, and all keys are for it. With `own`, as
-// in slf view, it may not show fields of other hosts.
+// exports, the page belongs to it: its address has the view, and all keys are for it. With `own`,
+// as in slf view, it may not show fields of other hosts.
 
 import {dot} from './camera.js';
 import {attach} from './controls.js';
@@ -224,6 +224,9 @@ export class SlfField extends HTMLElement {
     if (url.protocol === 'file:') return fileSource(await this.chosenFile());
     return new HttpSource(url, {
       small: this.whole,
+      // The tiles of the first picture, as the exporter found them.
+      first: given || this.turned ? [] : (this.getAttribute('first') ?? '').split(' ')
+        .filter(Boolean).map((range) => range.split('-').map(Number)),
       onProgress: (done, total) => this.say('This host serves only whole files. Fetched ' +
         human(done) + (total ? ` of ${human(total)}` : '')),
       onError: (error) => this.viewer.fail(error),
@@ -268,7 +271,8 @@ export class SlfField extends HTMLElement {
     this.tell('camera', {view: this.viewer.camera.toText()});
   }
   keepLink() {
-    if (this.whole) history.replaceState(null, '', this.fragment());
+    if (this.whole && location.protocol !== 'about:')  // not that of a notebook
+      history.replaceState(null, '', this.fragment());
   }
   fragment() {
     const {settings} = this;

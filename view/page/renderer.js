@@ -69,6 +69,7 @@ export class Renderer {
     gl.useProgram(program_.result);
     this.setSamplers(program_);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
+    gl.flush();  // or else the work waits until there is more
   }
   setSamplers({at}) {
     ['uTables', 'uPages', 'uColor', 'uDepth', 'uKept', 'uPicture', 'uMask'].forEach(
@@ -76,15 +77,17 @@ export class Renderer {
   }
   bindFeedback() { this.gl.bindFramebuffer(this.gl.FRAMEBUFFER, this.feedbackTarget); }
   // `shape`: of the field, as Field.shape; `budget`: bytes of textures for tiles. `ready` resolves
-  // when pictures can be drawn at once, `asks` when rays can ask for tiles.
+  // when pictures can be drawn at once.
   open(shape, budget) {
     this.shape = shape;
     this.makeTiles(budget);
     this.makeTables();
     this.ready = this.warm(this.drawProgram, () => this.bindPicture())
       .then(() => compiled(this.gl, this.fadeProgram));
-    this.asks = this.ready.then(() => this.warm(this.feedbackProgram, () => this.bindFeedback()));
-    this.asks.catch(() => {});
+  }
+  // Resolves when rays can ask for tiles. Called after the first picture, which would wait for it.
+  get asks() {
+    return this.warmed ??= this.warm(this.feedbackProgram, () => this.bindFeedback());
   }
 
   texture(unit, target, format, width, height, layers) {

@@ -42,16 +42,18 @@ const kCutShort = 'The host cut an answer short.';
 
 // A file on a host of static files, read by ranges. Without ranges, a small file is fetched whole.
 export class HttpSource {
-  // `small`: style.css is on the same host. `onProgress(done, total)` is called while a file is
-  // fetched whole; NaN: the total is unknown. `onError(error)`: the file has changed after parts of
-  // it were read. `onWait(waits)`: the host is silent, or answers again.
-  constructor(url, {small = true, onProgress, onError, onWait} = {}) {
+  // `small`: style.css is on the same host. `first`: the ranges that readAll() will be asked for
+  // first. `onProgress(done, total)` is called while a file is fetched whole; NaN: the total is
+  // unknown. `onError(error)`: the file has changed after parts of it were read. `onWait(waits)`:
+  // the host is silent, or answers again.
+  constructor(url, {small = true, first = [], onProgress, onError, onWait} = {}) {
     this.url = new URL(url, document.baseURI);
-    Object.assign(this, {small, onProgress, onError, onWait});
+    Object.assign(this, {small, first, onProgress, onError, onWait});
     this.bytes = this.requests = 0;
     this.roundTrips = 0;  // the longest chain of answers, each before the next request
     this.kept = [];       // answers with bytes that were not asked for, the oldest first
     this.wants = [];      // the ranges that load() will request
+    this.early = new Map();  // promises of the bytes of `first`, by range
     this.several = false;  // whether the host serves several ranges in one answer
   }
   // Whether the field is on the host of the page.
@@ -61,10 +63,10 @@ export class HttpSource {
   open() { return this.opened ??= this.readEnds(); }
   async readEnds() {
     const came = (answer) => answer.whole && this.onProgress?.(answer.have, answer.length);
-    const [several, start, tail] = await Promise.all([
+    const ending = this.request(`-${kEnd}`, {retries: 0}).catch(() => {});
+    const [several, start] = await Promise.all([
       servesSeveral(this.small && this.beside ? kSmallFile : this.url),
-      this.request(`0-${kStart - 1}`, {orWhole: true, came}),
-      this.request(`-${kEnd}`, {retries: 0}).catch(() => {})]);
+      this.request(`0-${kStart - 1}`, {orWhole: true, came})]);
     if (start.parts.length === 0) throw new Error('The field is empty.');
     this.several = several && !start.whole;
     if (start.whole) {
@@ -72,6 +74,10 @@ export class HttpSource {
       this.kept.push(start);  // it has all that readAll() will be asked for
     }
     this.size = start.parts[0].total ?? await this.length();
+    // Without several ranges in an answer, these would cost many requests.
+    const first = this.several ? this.first.filter(([, end]) => end <= this.size) : [];
+    this.readAll(first).forEach((bytes, i) => this.early.set(String(first[i]), bytes));
+    const tail = await ending;
     const from = Math.max(0, this.size - kEnd);
     // Some hosts do not serve the end of a file unless they are told where it begins.
     const end = [start, tail].find((answer) => answer?.read(from, this.size)) ??
@@ -107,10 +113,14 @@ export class HttpSource {
   // Starts to read ranges [begin, end), in any order, in few requests. Returns a promise of the
   // bytes of each range. It is fulfilled once these have come, before the rest of their answer.
   readAll(ranges) {
-    const wants = ranges.map(([begin, end]) => new Want(begin, end));
-    if (this.wants.length === 0) setTimeout(() => this.load());
-    this.wants.push(...wants);
-    return wants.map((want) => want.bytes);
+    return ranges.map((range) => {
+      const early = this.early.get(String(range));
+      if (early) return early;
+      if (this.wants.length === 0) setTimeout(() => this.load());
+      const want = new Want(...range);
+      this.wants.push(want);
+      return want.bytes;
+    });
   }
   // Fetches together what several calls of readAll() have asked for.
   load() {

@@ -81,10 +81,13 @@ export class Viewer {
     decoders.open(field);
     this.loader = new Loader(field, decoders, fail);
     // The tiles that matter most come while the graphics card makes room.
-    const level0 = await this.allOfLevel0(kTiny);
-    this.loader.want(level0.length > 0 ? level0
-      : field.firstTiles(this.camera, canvas.width, canvas.height), true);
-    field.prepare(this.view().level).catch(fail);
+    let first = await this.allOfLevel0(kTiny);
+    if (first.length === 0) first = await field.early(this.pagesOfLevel0());
+    if (first.length === 0) first = field.firstTiles(this.camera, canvas.width, canvas.height);
+    this.loader.want(first, true);
+    // The tiles of the first picture need the whole network.
+    Promise.allSettled(source.early?.values() ?? [])
+      .then(() => field.prepare(this.view().level)).catch(fail);
     await sleep(4);
     this.renderer.open(field.shape, kTileBytes);
     this.loader.restart(this.renderer);
@@ -434,7 +437,7 @@ export class Viewer {
       if (begin < next || this.drawing) continue;
       const reach = many ? Math.min(view.level - 1, ...this.renderer.survey(view)) : -1;
       if (reach > this.reached && await this.showCoarse(view, reach)) this.reached = reach;
-      else if (many && !this.stale) await this.sharpen(view);
+      else if (many && !(this.stale && this.loader.composes)) await this.sharpen(view);
       const now = performance.now();
       next = this.first ? now + Math.max(kLook, now - begin) : now;
     }
@@ -449,11 +452,15 @@ export class Viewer {
     if (!this.failed && !this.lost) this.loader.want([...needed, ...pages]);
   }
 
+  // The pages of level 0, if they are few.
+  pagesOfLevel0() {
+    const {pageBase, pages} = this.field.shape, count = pageBase[1] || pages;
+    return count <= kMaxSmall ? [...Array(count).keys()] : [];
+  }
   // Resolves to the pages of level 0 if these have at most so many bytes: then a camera that turns
   // always has something to draw, and many tiles are predicted from it.
   async allOfLevel0(most) {
-    const {pageBase, pages} = this.field.shape, all = [...Array(pageBase[1] || pages).keys()];
-    const inFile = this.field.inFile(all);
+    const all = this.pagesOfLevel0(), inFile = this.field.inFile(all);
     return inFile.length <= kMaxSmall && await this.field.payloadBytes(inFile) <= most ? all : [];
   }
 }
