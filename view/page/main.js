@@ -475,7 +475,8 @@ export class SlfField extends HTMLElement {
     while (this.plays && !viewer.failed) {
       this.showState(viewer.field.state + 1);
       const begin = performance.now();
-      while (this.plays && (performance.now() - begin < kStep || viewer.stuck)) await sleep(5);
+      while (this.plays && (performance.now() - begin < kStep ||
+                            (viewer.stuck && viewer.state !== 'settled'))) await sleep(5);
     }
   }
   fillPanel() {
