@@ -118,12 +118,18 @@ Result<Posters> make_posters(const std::string& path, const Views& views) {
         posters.title = fs::path(provenance[key].get<std::string>()).filename().string();
   ViewStatistics coarse;
   if (!renderer.render(camera, {mode, 0}, &coarse)) return posters;
-  SLF_TRY(list_tiles(field, {.last_level = 0}, [&](const ListedTile& tile) {
-    if (tile.payload_bytes > 0 && std::ranges::binary_search(coarse.tiles, tile.key))
-      posters.first += std::to_string(tile.offset_bytes) + "-" +
-                       std::to_string(tile.offset_bytes + tile.payload_bytes) + " ";
-    return Result<void>();
-  }));
+  std::vector<Field> parts;
+  if (!field.structures())
+    parts = {field};
+  else
+    for (const Structure& one : *field.structures()) parts.push_back(one.field);
+  for (const Field& part : parts)
+    SLF_TRY(list_tiles(part, {.last_level = 0}, [&](const ListedTile& tile) {
+      if (tile.payload_bytes > 0 && std::ranges::binary_search(coarse.tiles, tile.key))
+        posters.first += std::to_string(tile.offset_bytes) + "-" +
+                         std::to_string(tile.offset_bytes + tile.payload_bytes) + " ";
+      return Result<void>();
+    }));
   auto image = renderer.render(camera, {mode, matching_level(field.shape(), camera, mode)});
   if (!image) return posters;  // a damaged field is shown as far as it can be read
   SLF_TRY(map_tones(field, std::nullopt, /*display=*/true, *image));

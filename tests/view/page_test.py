@@ -210,7 +210,7 @@ class PageTest(unittest.TestCase):
             self.assertGreaterEqual(found, MIN_PSNR["depth"])
 
     def test_structures(self):
-        """The list of structures: hidden, alone, faded and tinted ones, as slf render draws them."""
+        """The list: what is hidden, alone, faded and tinted looks as slf render draws it."""
         field = self.structured()
         with Server(field) as server:
             page = self.browser.open(server.url, SIZE, SIZE)

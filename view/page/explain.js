@@ -130,8 +130,9 @@ export class Explain {
     this.byId('cross').hidden = !this.tool;
     this.marks = [];
     this.place();
-    this.element.say(!this.tool ? '' : `Click ${tool === 'ruler' ? 'two points' : 'a point'} of the ` +
-             'surface, or press Enter for the one in the middle.');
+    this.element.say(!this.tool ? ''
+      : `Click ${tool === 'ruler' ? 'two points' : 'a point'} of the surface, or press Enter for ` +
+        'the one in the middle.');
   }
   // A click on the surface, at a result of Viewer.pick().
   picked(found) {

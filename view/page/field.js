@@ -165,9 +165,10 @@ export class Field {
   async early(pages) {
     const {early} = this.source;
     if (!early?.size) return [];
-    const found = await this.find(pages.map((page) => this.tile(this.inFile(page))));
-    return pages.filter((_, i) => found[i].state !== kStored ||
-                                  early.has(`${found[i].begin},${found[i].end}`));
+    const found = await this.find(this.inFile(pages).map((page) => this.tile(page)));
+    const late = new Set(found.flatMap(({state, begin, end}, i) =>
+      state === kStored && !early.has(`${begin},${end}`) ? i % pages.length : []));
+    return pages.filter((_, i) => !late.has(i));
   }
 
   // The pages of tiles, and of all tiles that these are predicted from, as far as the field lists

@@ -1,7 +1,8 @@
 // The list of structures: which are shown, how opaque, and in what colour.
 
-const kEye = '<svg viewBox="0 0 24 24" aria-hidden="true"><path d="M2 12s4-6 10-6 10 6 10 6-4 6-10 ' +
-  '6S2 12 2 12z"/><circle cx="12" cy="12" r="3"/><path class="slash" d="M4 4l16 16"/></svg>';
+const kEye = '<svg viewBox="0 0 24 24" aria-hidden="true">' +
+  '<path d="M2 12s4-6 10-6 10 6 10 6-4 6-10 6S2 12 2 12z"/><circle cx="12" cy="12" r="3"/>' +
+  '<path class="slash" d="M4 4l16 16"/></svg>';
 const kMany = 12;  // structures: more have a field that searches them
 
 // The own colours of structures, where the field tells them: by state, as CSS.

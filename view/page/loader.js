@@ -29,7 +29,7 @@ export class Loader {
     this.arrivals = 0;  // tiles that came
     this.full = false;  // whether a view needed more tiles than there are slots
     this.batches = 0;   // that are being loaded now
-    this.round = 0;     // counts calls of show()
+    this.round = 0;     // counts the changes of what structures show
   }
 
   get tiles() { return this.used.size; }
@@ -46,10 +46,12 @@ export class Loader {
   // The field shows another state, or its structures have other looks: all pages are to be loaded
   // anew, mostly from what the reader keeps.
   show() {
-    ++this.round;
-    this.loading = new Set();
-    this.plan = [];
-    this.batches = 0;
+    if (this.composes) {  // what is on its way shows other structures
+      ++this.round;
+      this.loading = new Set();
+      this.plan = [];
+      this.batches = 0;
+    }
     this.pages.forEach((value, page) => value !== kNotLoaded &&
                                         this.renderer.setPage(page, kNotLoaded));
     this.restart(this.renderer);
@@ -77,7 +79,7 @@ export class Loader {
   read(pages) {
     return this.composes ? this.composer.read(pages) : this.reader.read(this.field.inFile(pages));
   }
-  // Loads the plan, batch by batch, until show() is called.
+  // Loads the plan, batch by batch, until other structures are shown.
   async run(batch) {
     const {loading, round} = this, current = () => round === this.round;
     ++this.batches;

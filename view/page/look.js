@@ -175,7 +175,9 @@ button[aria-pressed="true"] { background: var(--accent); color: #06101f; }
 @media (pointer: coarse) { #list input[type="range"] { height: 44px; } }
 #list input[type="color"] { width: 44px; }
 #list .off :is(span, input) { opacity: 0.6; }
-.eye[aria-pressed] { background: transparent; color: inherit; border-color: transparent; padding: 0; }
+.eye[aria-pressed] {
+  background: transparent; color: inherit; border-color: transparent; padding: 0;
+}
 .eye svg { width: 24px; height: 24px; fill: none; stroke: currentcolor; stroke-width: 1.8; }
 .eye[aria-pressed="true"] .slash { display: none; }
 .eye[aria-pressed="false"] { color: var(--dim); }

@@ -437,7 +437,7 @@ export class Viewer {
       if (begin < next || this.drawing) continue;
       const reach = many ? Math.min(view.level - 1, ...this.renderer.survey(view)) : -1;
       if (reach > this.reached && await this.showCoarse(view, reach)) this.reached = reach;
-      else if (many && !this.stale) await this.sharpen(view);
+      else if (many && !(this.stale && this.loader.composes)) await this.sharpen(view);
       const now = performance.now();
       next = this.first ? now + Math.max(kLook, now - begin) : now;
     }
@@ -460,8 +460,7 @@ export class Viewer {
   // Resolves to the pages of level 0 if these have at most so many bytes: then a camera that turns
   // always has something to draw, and many tiles are predicted from it.
   async allOfLevel0(most) {
-    const inFile = this.field.inFile(this.pagesOfLevel0());
-    return inFile.length <= kMaxSmall && await this.field.payloadBytes(inFile) <= most ?
-        this.pagesOfLevel0() : [];
+    const all = this.pagesOfLevel0(), inFile = this.field.inFile(all);
+    return inFile.length <= kMaxSmall && await this.field.payloadBytes(inFile) <= most ? all : [];
   }
 }
