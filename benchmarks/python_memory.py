@@ -47,7 +47,7 @@ class Chunked:  # as an array of zarr
         return (z + y + x) % 2 * np.int16(2000)
 
 begin = time.perf_counter()
-slf.build(Chunked(), sys.argv[2], entry=2, exit=8, finest_level=0, light="direct",
+slf.build(Chunked(), sys.argv[2], entry=2, exit=8, finest_level=0, lighting="direct",
           transfer=[[0, 0, 0, 0, 0], [1000, 0, 0, 0, 0], [2000, 1, 1, 1, 0.5]])
 print(f"{np.prod(Chunked.shape) * 2 / 1e9:.2f} GB of voxels in {time.perf_counter() - begin:.0f} s")
 """

@@ -59,7 +59,7 @@ std::string_view expected(const json& value, Kind kind) {
             return expected(one, Kind::title).empty();
           }))
         return "";
-      return "a list of texts, as slf render --structure takes them";
+      return "a list of texts, each NAME[:OPACITY][:#RRGGBB]";
   }
   return "";
 }

@@ -72,8 +72,10 @@ def build(source: Any, out: Path, *, entry: int = 8, exit: int = 32, finest_leve
     with contextlib.ExitStack() as stack:
         scenes: list[tuple[str, _slf.Scene]] = []
         for state in states or ({"name": ""},):
-            own: Any = {"source": source, **settings, **state}
-            name, lit_by = own.pop("name", ""), own.pop("light_from", None)
+            name, lit_by = state.get("name", ""), state.get("light_from")
+            changed = {key: value for key, value in state.items()
+                       if key not in ("name", "light_from")}
+            own: Any = {"source": source, **settings, **changed}
             scene = stack.enter_context(scene_of(own.pop("source"), linear=half, folder=folder,
                                                  threads=threads, sphere=whole, **own))
             if lit_by is not None:

@@ -634,6 +634,6 @@ def test_states_of_one_light(tmp_path):
     states[1]["light_from"] = "hole"
     with pytest.raises(slf.UsageError, match="no earlier state is named 'hole'"):
         slf.build(ball, tmp_path / "b.slf", **SMALL, **light, states=states)
-    states[1] = {"name": "hot", "transfer": "hot", "light_from": "whole"}
+    states[1] = {"name": "hot", "transfer": "ct-skin", "light_from": "whole"}
     with pytest.raises(slf.UsageError, match="/transfer"):
         slf.build(ball, tmp_path / "b.slf", **SMALL, **light, states=states)

@@ -136,7 +136,7 @@ def test_errors_have_code_path_and_python_classes(tmp_path):
 
 
 def test_field_of_a_web_server(balls_path):
-    server = slf._slf.Server([str(balls_path)], "", None) if has_page() else None
+    server = slf._slf.Server([str(balls_path)], "", None, False) if has_page() else None
     if server is None:
         pytest.skip("slf was built without the page, so there is no server here")
     with slf.open(server.url + "field.slf") as remote, slf.open(balls_path) as local:
@@ -149,7 +149,7 @@ def test_field_of_a_web_server(balls_path):
 
 def has_page():
     try:
-        slf._slf.Server([], "", None)
+        slf._slf.Server([], "", None, False)
     except slf.UnsupportedError:
         return False
     except slf.UsageError:

@@ -226,7 +226,7 @@ class NotebookTest(unittest.TestCase):
     def test_a_notebook_on_another_machine(self):
         modules = path("modules")
         os.makedirs(modules, exist_ok=True)
-        places = os.pathsep.join([modules, os.environ.get("PYTHONPATH", "")])
+        places = os.pathsep.join([modules, *sys.path])
         hub = {"JUPYTERHUB_SERVICE_PREFIX": "/user/me/"}
         # Of the server below a path, or of a hub: embedded.
         for variables in [{}, hub]:

@@ -172,7 +172,8 @@ class PageTest(unittest.TestCase):
                 page.settle()
                 self.assertEqual(page.run("slf.field.state"), state)
             self.assertIn("state=top%20off", page.run("location.hash"))
-            self.assertEqual(page.run("slf.statistics().bytes"), loaded)
+            # A coarse picture may ask for a tile that the finished one does not show.
+            self.assertLess(page.run("slf.statistics().bytes"), 1.01 * loaded)
             self.press(page, "p")
             for state in [2, 0, 1]:
                 page.wait(f"slf.field.state === {state}", 20)
