@@ -15,6 +15,7 @@
 #include <deque>
 #include <list>
 #include <memory>
+#include <utility>
 
 #include "base/ascii.h"
 #include "base/guarded.h"
@@ -282,6 +283,7 @@ Result<void> HttpServer::run(const Answer& answer, const std::function<bool()>& 
       else
         give_up_one();
     }
+    ::close(std::exchange(listener_, -1));  // or else peers would wait for answers
     return {};
   });
 }

@@ -65,7 +65,8 @@ class HttpServer {
   /// address is not one of this machine.
   [[nodiscard]] Result<std::uint16_t> bind(const std::string& address, std::uint16_t port);
 
-  /// Serves until `stop` returns true; it is called at least ten times a second.
+  /// Serves until `stop` returns true; it is called at least ten times a second. Then nobody can
+  /// connect any more.
   [[nodiscard]] Result<void> run(const Answer& answer, const std::function<bool()>& stop);
 
  private:
