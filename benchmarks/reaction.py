@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """A 4-D volume to test time with: a reaction that spreads through a bed of grains.
 
-  benchmarks/reaction.py reaction.nii.gz [--side 64] [--steps 24] [--every 150]
+  benchmarks/reaction.py reaction.nii.gz [--side 64] [--steps 24] [--every 30]
 
 The Gray-Scott model of two substances (Pearson, "Complex patterns in a simple system", Science 261,
 1993) in a cube of SIDE^3 voxels, between balls that nothing flows through. It starts at the top.
@@ -79,7 +79,7 @@ def main():
     parser.add_argument("out")
     parser.add_argument("--side", type=int, default=64)
     parser.add_argument("--steps", type=int, default=24)
-    parser.add_argument("--every", type=int, default=150, help="iterations between time points")
+    parser.add_argument("--every", type=int, default=30, help="iterations between time points")
     options = parser.parse_args()
     pathlib.Path(options.out).with_suffix(".json").write_text(json.dumps(TRANSFER))
     with gzip.open(options.out, "wb", 1) as file:

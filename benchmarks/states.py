@@ -52,9 +52,10 @@ class Benchmark:
 
     def psnr(self, field, state, *shown):
         source = ["--time", state["time"]] if "time" in state else []
-        return json.loads(self.slf("evaluate", field, "--volume", self.options.volume, *source,
+        found = json.loads(self.slf("evaluate", field, "--volume", self.options.volume, *source,
                                    "--views", self.options.views, "--size", 256, "--json",
                                    *shown))["psnr"]
+        return float("inf") if found is None else found
 
     def run(self):
         states = self.states()

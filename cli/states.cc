@@ -145,7 +145,7 @@ Result<std::vector<MadeState>> make_states(const std::string& file, const Source
       const auto ok = scene ? share_light(state, made, **scene) : tl::unexpected(scene.error());
       if (!ok) return fail(ok.error().code, file, ": state '", name, "': ", ok.error().message);
       made.push_back({all ? fmt::format("{} {}", name, time) : name, std::move(*scene)});
-      if (made.back().name == last) return made;
+      if (made.back().name == last || std::to_string(made.size() - 1) == last) return made;
       if (!all) break;
     }
   }
