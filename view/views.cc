@@ -121,9 +121,11 @@ Result<Views> parse_views(const ViewsFile& file, const Sphere& sphere) {
     if (!list.is_array() || list.size() > kMaxEntries)
       return fail(ErrorCode::bad_file, path, ": ", name, ": expected a list of at most ",
                   kMaxEntries);
+    const auto& members = name == "views" ? std::span<const Member>(kView) : kNote;
+    std::string place = path;
+    place.append(": ").append(name).append("[");
     for (std::size_t i = 0; i < list.size(); ++i)
-      SLF_TRY(check_entry(list[i], name == "views" ? std::span<const Member>(kView) : kNote,
-                          path + ": " + name + "[" + std::to_string(i) + "]"));
+      SLF_TRY(check_entry(list[i], members, std::string(place).append(std::to_string(i)) += "]"));
   }
   Views views{.json = root.dump(-1, ' ', /*ensure_ascii=*/true)};
   for (std::size_t at = 0; (at = views.json.find('<', at)) != std::string::npos;)
@@ -137,8 +139,8 @@ Result<Views> parse_views(const ViewsFile& file, const Sphere& sphere) {
     if (list[0].contains("structures")) {
       views.structures = list[0]["structures"].get<std::vector<std::string>>();
       std::string shown;
-      for (const std::string& text : *views.structures)
-        shown += (shown.empty() ? "" : ",") + escaped(text);
+      for (const std::string& one : *views.structures)
+        shown += (shown.empty() ? "" : ",") + escaped(one);
       views.attributes += " structures=\"" + escape_html(shown) + "\"";
     }
   }

@@ -535,7 +535,7 @@ Result<void> LightComputer::fill(LightGrid& light, const Pass& pass,
     near_[number] = static_cast<std::uint32_t>(nodes.size());
     nodes.push_back(&nodes_[index_[number]]);
   }
-  const auto done =
+  auto done =
       filter_light(medium_, light, near_, around, wanted, nodes, pass.number(), threads_, progress);
   for (const std::size_t number : around) near_[number] = kNoNode;
   return done;

@@ -220,8 +220,8 @@ HWY_INLINE void find_opacity(const RayGrid& grid, Samples<S>& samples) {
       const Ints entry = hn::Min(hn::NearestInt(hn::MulAdd(middle, change, at[k])), last);
       hn::Store(row + hn::Max(entry, hn::Zero(kInts)), kInts, samples.entry[k] + i);
       if constexpr (!kLabels) {
-        const auto path = [&](int end) {
-          return hn::GatherIndex(kFloats, table.color_path.data(), entries[end]);
+        const auto path = [&](int number) {
+          return hn::GatherIndex(kFloats, table.color_path.data(), entries[number]);
         };
         const auto steep = share * hn::Abs(path(k + 1) - path(k)) > hn::Set(kFloats, 1.f / 16);
         std::uint8_t bytes[8] = {};

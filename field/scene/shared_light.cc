@@ -6,6 +6,7 @@
 
 #include "base/try.h"
 #include "field/scene/light_depth.h"
+#include "field/scene/provenance.h"
 
 namespace slf {
 namespace {

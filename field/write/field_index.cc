@@ -29,6 +29,7 @@ Result<std::vector<ReferenceIndex::Tile>> references_of(const FieldFile& field, 
   };
   SLF_TRY(field.store().visit(first_key(level), first_key(level + 1), visit));
   std::vector<ReferenceIndex::Tile> tiles;
+  tiles.reserve(references.size());
   for (auto& [key, of_all] : references) tiles.push_back({key, std::move(of_all)});
   return tiles;
 }
