@@ -54,7 +54,8 @@ void add_ls(CLI::App& app, Run& run) {
   command->footer(R"(
 A line has six columns, separated by tabs: LEVEL/ENTRY/EXIT, its state (stored, empty, missing, or
 same: as in an earlier state of the object, whose payload it shares), the bytes of its payload, where
-they begin in the file, the tile's index within the level, and its subfield. Lines are in the order of levels and indexes.)");
+they begin in the file, the tile's index within the level, and its subfield. Lines are in the order
+of levels and indexes.)");
   auto a = std::make_shared<LsArguments>();
   a->field.add_to(*command, "Field to list");
   add_levels(*command, "--level", a->levels, "Only tiles of these levels");

@@ -7,7 +7,6 @@
 #include "cli/command.h"
 #include "slf/remote.h"
 #include "slf/verify.h"
-#include "view/fit.h"
 
 namespace slf::cli {
 namespace {
@@ -75,7 +74,7 @@ Result<void> run_repack(const RepackArguments& a) {
   if (a.output.empty()) return fail(ErrorCode::usage, "--output is required, or --dry-run");
   if (a.split) return split(a, states, options);
   const auto bar = progress_bar("repack", "tiles", OnSignal::stop);
-  const auto report = SLF_TRY(view::repack_states(states, a.output, options, bar));
+  const auto report = SLF_TRY(join_states(states, a.output, options, bar));
   if (a.json)
     print_json({{"tiles", report.tiles},
                 {"copied", report.copied},

@@ -109,7 +109,7 @@ Result<std::optional<Field>> repack_if_requested(const ExportArguments& a,
     return misuse(path, "exists; move or remove it: the export needs its name");
   const auto bar = progress_bar("export", "tiles", OnSignal::stop);
   SLF_TRY(limited ? view::repack_to_fit(states, path, options, room, bar)
-                  : view::repack_states(states, path, options, bar));
+                  : join_states(states, path, options, bar));
   const int file = open(path.c_str(), O_RDONLY | O_CLOEXEC);  // until the process ends
   unlink(path.c_str());
   return Field::open(path_of_descriptor(file));

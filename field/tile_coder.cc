@@ -81,8 +81,8 @@ struct TileCoder::Relation {
         finer(coder.geometries_(key.level)),
         sections(sections_of(key, coder.shape_.entry_extra_levels)),
         rows(find_references(coarser, finer, sections.entry.index)),
-        candidates(coarser, rows, sections, state_of(key)) {
-  }  // NOLINT(clang-analyzer-*): elsewhere
+        // NOLINTNEXTLINE(clang-analyzer-optin.cplusplus.UninitializedObject): initialized there
+        candidates(coarser, rows, sections, state_of(key)) {}
 
   /// Predicts the tile, lets `adjust` change that, and calls `code` with the result. Colours of
   /// half floats are converted.

@@ -39,12 +39,6 @@ std::vector<RepackOptions> candidates(const Field& field, const RepackOptions& o
 
 }  // namespace
 
-Result<RepackReport> repack_states(std::span<const StateSource> states, const std::string& path,
-                                   const RepackOptions& options, const ProgressCallback& progress) {
-  return states.size() > 1 ? join_states(states, path, options, progress)
-                           : repack_field(states.front().field, path, options, progress);
-}
-
 Result<RepackReport> repack_to_fit(std::span<const StateSource> states, const std::string& path,
                                    const RepackOptions& options, std::uint64_t max_bytes,
                                    const ProgressCallback& progress) {
@@ -54,11 +48,11 @@ Result<RepackReport> repack_to_fit(std::span<const StateSource> states, const st
     // The first state is the least that all can take.
     const auto estimate = SLF_TRY(estimate_repack(field, candidate, progress));
     if (estimate.file_bytes > max_bytes + estimate.file_error_bytes) continue;
-    auto report = repack_states(states, path, candidate, progress);
+    auto report = join_states(states, path, candidate, progress);
     if (!report || report->file_bytes <= max_bytes) return report;
     ::unlink(path.c_str());
   }
-  auto report = repack_states(states, path, all.back(), progress);
+  auto report = join_states(states, path, all.back(), progress);
   if (!report || report->file_bytes <= max_bytes) return report;
   ::unlink(path.c_str());
   return misuse(field.path(), "does not get smaller than ", report->file_bytes,

@@ -10,17 +10,11 @@
 
 namespace slf::view {
 
-/// join_states(), or repack_field() if there is one state.
-[[nodiscard]] Result<RepackReport> repack_states(std::span<const StateSource> states,
-                                                 const std::string& path,
-                                                 const RepackOptions& options,
-                                                 const ProgressCallback& progress);
-
 /// Repacks states into a field of at most `max_bytes` bytes, with the least loss of quality: with
 /// all levels, tries the field's own codecs, then qualities 90, 75, 60 and 45; then the qualities
 /// with one level less, and so on. Keeps the first result that fits, and leaves out what is too
 /// large by the estimate of estimate_repack(). Codecs or levels that `options` sets are not
-/// changed. Errors as repack_states(). usage: even the last result is too large; the message states
+/// changed. Errors as join_states(). usage: even the last result is too large; the message states
 /// its size. After an error, no file remains.
 [[nodiscard]] Result<RepackReport> repack_to_fit(std::span<const StateSource> states,
                                                  const std::string& path,

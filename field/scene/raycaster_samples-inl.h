@@ -181,11 +181,13 @@ HWY_INLINE void find_opacity(const RayGrid& grid, Samples<S>& samples) {
       hn::Store(at[k], kFloats, samples.value[k] + i);
       entries[k] = hn::Min(entry + row, end);
     }
-    // The integral of the extinction up to each of them.
-    Floats before[kPieces + 1], extinction[kPieces + 1];
+    // The integral of the extinction up to each of them, and the path of colours.
+    Floats before[kPieces + 1], extinction[kPieces + 1], path[kPieces + 1];
     for (int k = 0; k <= kPieces; ++k) {
       load_integrals(table, entries[k], before[k], extinction[k]);
       before[k] = hn::MulAdd(within[k], extinction[k], before[k]);
+      if constexpr (!kLabels)
+        path[k] = hn::GatherIndex(kFloats, table.color_path.data(), entries[k]);
     }
     const Floats length = hn::Load(kFloats, samples.length + i) * piece;
     Floats left = one, center = zero;
@@ -220,10 +222,7 @@ HWY_INLINE void find_opacity(const RayGrid& grid, Samples<S>& samples) {
       const Ints entry = hn::Min(hn::NearestInt(hn::MulAdd(middle, change, at[k])), last);
       hn::Store(row + hn::Max(entry, hn::Zero(kInts)), kInts, samples.entry[k] + i);
       if constexpr (!kLabels) {
-        const auto path = [&](int number) {
-          return hn::GatherIndex(kFloats, table.color_path.data(), entries[number]);
-        };
-        const auto steep = share * hn::Abs(path(k + 1) - path(k)) > hn::Set(kFloats, 1.f / 16);
+        const auto steep = share * hn::Abs(path[k + 1] - path[k]) > hn::Set(kFloats, 1.f / 16);
         std::uint8_t bytes[8] = {};
         hn::StoreMaskBits(kFloats, steep, bytes);
         for (unsigned bits = bytes[0] | bytes[1] << 8; bits != 0; bits &= bits - 1)

@@ -526,6 +526,7 @@ Result<RepackReport> join(std::span<const StateSource> states, const std::string
 
 Result<RepackReport> join_states(std::span<const StateSource> states, const std::string& path,
                                  const RepackOptions& options, const ProgressCallback& progress) {
+  if (states.size() == 1) return repack_field(states.front().field, path, options, progress);
   return guarded([&] { return join(states, path, options, progress); });
 }
 

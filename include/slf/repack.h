@@ -66,7 +66,8 @@ struct StateSource {
   Field field;
 };
 
-/// Writes a field of some states, of one or several fields with one sphere, lattice and format.
+/// Writes a field of some states, of one or several fields with one sphere, lattice and format. One
+/// state: repack_field().
 /// Tiles whose decoded samples are equal are stored once. All are encoded again, as by
 /// repack_field(). The draft at PATH.unfinished is resumed as a build is. Options and errors are
 /// those of repack_field(). usage: fields that do not fit together; a state without a name, or with
