@@ -3,8 +3,18 @@
 #include <algorithm>
 #include <bit>
 #include <cassert>
+#include <numbers>
 
 namespace slf {
+
+unsigned matching_level(const FieldShape& shape, double spacing, bool aims) {
+  // Cells along an arc of π/2. At the centre, lines from one vertex are half as far apart.
+  const double cells = std::min<double>(shape.exit_side, (aims ? 2.0 : 1.0) * shape.entry_side);
+  double apart = std::numbers::pi / 4 / cells;
+  unsigned level = 0;
+  for (; level < shape.levels && apart > spacing; ++level) apart /= 2;
+  return level;
+}
 
 LevelGeometry::LevelGeometry(const FieldShape& shape, unsigned level)
     : level_(level),

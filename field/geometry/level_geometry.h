@@ -1,4 +1,5 @@
-// LevelGeometry: tables that map a ray to its tile, row and columns at one level.
+// LevelGeometry: tables that map a ray to its tile, row and columns at one level. Which level
+// matches a picture.
 #pragma once
 
 #include <cstdint>
@@ -9,6 +10,12 @@
 #include "slf/shape.h"
 
 namespace slf {
+
+/// The coarsest level of a field whose lines from a vertex to two neighbours on the other side are
+/// at most `spacing` apart at the sphere's centre, in radii; the finest level if none is. If
+/// `aims`, as in mode depth, which corrects rays, lines to entry vertices may be twice as far
+/// apart.
+[[nodiscard]] unsigned matching_level(const FieldShape& shape, double spacing, bool aims);
 
 /// The location of an entry vertex's samples: the section that owns the vertex, and the row of its
 /// samples in that section's tiles.

@@ -5,7 +5,6 @@
 #include <bit>
 #include <cmath>
 #include <mutex>
-#include <numbers>
 #include <optional>
 #include <span>
 #include <thread>
@@ -15,6 +14,7 @@
 #include "base/reporter.h"
 #include "base/sort_unique.h"
 #include "base/try.h"
+#include "field/geometry/level_geometry.h"
 #include "field/render/block_renderer.h"
 #include "field/render/load_misses.h"
 #include "field/render/renderer_state.h"
@@ -104,17 +104,9 @@ Renderer::~Renderer() = default;
 const TileReader& Renderer::tiles() const { return state_->tiles; }
 
 unsigned matching_level(const FieldShape& shape, const Camera& camera, RenderMode mode) {
-  const double distance = glm::distance(camera.eye, shape.sphere.center);
+  const double distance = glm::distance(camera.eye, shape.sphere.center) / shape.sphere.radius;
   const double pixel = 2 * std::tan(glm::radians(camera.fov) / 2) / camera.height * distance;
-  // Mode depth corrects rays by depth, so entry vertices may be further apart.
-  const double entry_side = (mode == RenderMode::depth ? 2.0 : 1.0) * shape.entry_side;
-  // This many cells, times 2^level, span an arc of R·π/2. Lines from one vertex to two neighbours
-  // on the other side are half as far apart at the sphere's centre.
-  double spacing =
-      shape.sphere.radius * std::numbers::pi / 4 / std::min<double>(shape.exit_side, entry_side);
-  unsigned level = 0;
-  for (; level < shape.levels && spacing > pixel; ++level) spacing /= 2;
-  return level;
+  return matching_level(shape, pixel, mode == RenderMode::depth);
 }
 
 Result<void> check_view(const Field& field, const ViewOptions& options) {

@@ -7,6 +7,7 @@ Exits with 77, which CTest takes for skipped, where there is no browser or no pa
 
 import hashlib
 import json
+import math
 import os
 import signal
 import subprocess
@@ -132,6 +133,45 @@ class PageTest(unittest.TestCase):
                 self.assertEqual(page.run("slf.statistics().damaged"), 0)
                 page.close()
             self.assertEqual(server.status, -signal.SIGINT)  # as a shell expects of Ctrl-C
+
+    def test_chooses_the_level_that_slf_render_chooses(self):
+        field = self.fields[0]
+        sphere = json.loads(slf("info", field, "--json"))["sphere"]
+
+        def drawn(orbit, target, mode, width, height):
+            azimuth, elevation, distance = (*map(math.radians, orbit[:2]), orbit[2])
+            out = (math.sin(azimuth) * math.cos(elevation),
+                   -math.cos(azimuth) * math.cos(elevation), math.sin(elevation))
+            at = [c + sphere["radius"] * t for c, t in zip(sphere["center"], target)]
+            eye = [c + sphere["radius"] * distance * v for c, v in zip(at, out)]
+            half = math.tan(math.radians(FOV / 2)) * max(1, height / width)
+            return json.loads(slf(
+                "render", field, "-o", path("level.png"), "-f", "--level", "auto", "--mode", mode,
+                "--eye", ",".join(map(str, eye)), "--look-at", ",".join(map(str, at)), "--fov",
+                math.degrees(2 * math.atan(half)), "--size", f"{width}x{height}", "--stats",
+                "--json"))["level"]
+
+        chosen = set()
+        with Server(field) as server:
+            for width, height in [(120, 120), (200, 130), (130, 200)]:
+                page = self.browser.open(server.url, width, height)
+                page.wait("['loading', 'settled'].includes(globalThis.slf?.state)")
+                self.assertEqual(page.run("[slf.canvas.width, slf.canvas.height]"), [width, height])
+                for orbit in [(30, 20, d) for d in (1.5, 3, 5, 6, 8, 10, 14, 20)]:
+                    # From the last target, the eye is further from the sphere's centre.
+                    for target in [(0, 0, 0), (0, -1, 0.5)]:
+                        for mode in ["depth", "bitri"]:
+                            view = ",".join(map(str, orbit + target))
+                            found = page.run(f"""(() => {{
+                              slf.settings.mode = '{mode}';
+                              slf.camera.fromText('{view}');
+                              return slf.view().level;
+                            }})()""")
+                            with self.subTest(view=view, mode=mode, size=(width, height)):
+                                self.assertEqual(found, drawn(orbit, target, mode, width, height))
+                            chosen.add(found)
+                page.close()
+        self.assertEqual(chosen, {0, 1, 2})
 
     def test_exposure_and_tone_mapping_are_those_of_slf_render(self):
         field = path("lit.slf")

@@ -115,15 +115,12 @@ export class Viewer {
 
   // ---- the view ---------------------------------------------------------------------------------
 
-  // The coarsest level that is as fine as the pixels (slf render --level auto).
+  // The coarsest level that is as fine as the pixels at the sphere's centre (--level auto).
   matchingLevel() {
-    const {camera, canvas, settings} = this, {entrySide, exitSide, levels} = this.field.shape;
-    const {half} = camera.axes(canvas.width, canvas.height);
-    const pixel = 2 * half / canvas.height * camera.distance;
-    const depth = settings.mode === 'depth' ? 2 : 1;
-    let spacing = Math.PI / 4 / Math.min(exitSide, depth * entrySide), level = 0;
-    for (; level < levels && spacing > pixel; ++level) spacing /= 2;
-    return level;
+    const {camera, canvas, settings} = this, {calls} = this.field.native;
+    const {half, eye} = camera.axes(canvas.width, canvas.height);
+    return calls.slf_matching_level(2 * half / canvas.height * Math.hypot(...eye),
+                                    settings.mode === 'depth');
   }
   view() {
     const {camera, field, settings, version} = this;

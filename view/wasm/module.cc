@@ -292,6 +292,10 @@ SLF_EXPORT(slf_exit_path_count) std::size_t slf_exit_path_count(unsigned level) 
   return geometry(level).exit_paths().size();
 }
 
+SLF_EXPORT(slf_matching_level) unsigned slf_matching_level(double spacing, int aims) {
+  return matching_level(module().manifest->shape, spacing, aims != 0);
+}
+
 /// Lists the tiles of level 0 that a view needs first, as slf_with_ancestors() does: those of
 /// `across` × `across` rays. The buffer holds four vectors of three f64, in radii from the sphere's
 /// centre: the eye, the direction of the picture's centre, and what leads from there to its right
