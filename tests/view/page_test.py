@@ -5,11 +5,13 @@
 Exits with 77, which CTest takes for skipped, where there is no browser or no page.
 """
 
+import base64
 import hashlib
 import json
 import math
 import os
 import signal
+import struct
 import subprocess
 import sys
 import time
@@ -186,6 +188,71 @@ class PageTest(unittest.TestCase):
                                   ("--tonemap", curve, "--exposure", exposure))
                 with self.subTest(curve=curve, exposure=exposure):
                     self.assertGreaterEqual(found, MIN_PSNR["depth"])
+            page.close()
+
+    def test_the_shaders_tone_curve_is_that_of_slf(self):
+        """Over a ramp of half floats, within a grey level."""
+        values = [0, 2 ** -24, 2 ** -14, *(10 ** (k / 20) for k in range(-100, 97)), 65504,
+                  *(k / 256 for k in range(512))]
+        hues = [(1, 1, 1), (1, 0.5, 0.125), (0, 1, 0), (0.9, 0.96, 1), (-1, 0.01, 1)]
+        texels = [[v * h for h in hue] + [alpha] for alpha in (1, 0.5, 1 / 255, 0) for hue in hues
+                  for v in values]
+        width, height = len(values), len(texels) // len(values)
+        halves = struct.pack(f"<{4 * len(texels)}e", *(v for texel in texels for v in texel))
+        colors = struct.pack(f"<{4 * len(texels)}f",
+                             *struct.unpack(f"<{4 * len(texels)}e", halves))
+        # The rest of the shader, and a main() that maps the ramp.
+        draw = f"""(curve, exposure) => {{
+          const canvas = new OffscreenCanvas({width}, {height}), gl = canvas.getContext('webgl2');
+          const program = gl.createProgram(), ramp = kDraw.slice(0, kDraw.indexOf('void main()')) +
+            'void main() {{ result = mapped(texelFetch(uColor, ivec3(gl_FragCoord.xy, 0), 0)); }}';
+          for (const [type, text] of [[gl.VERTEX_SHADER, kVertex], [gl.FRAGMENT_SHADER, ramp]]) {{
+            const shader = gl.createShader(type);
+            gl.shaderSource(shader, text);
+            gl.compileShader(shader);
+            gl.attachShader(program, shader);
+          }}
+          gl.linkProgram(program);
+          if (!gl.getProgramParameter(program, gl.LINK_STATUS))
+            throw new Error(gl.getAttachedShaders(program).map((s) => gl.getShaderInfoLog(s)));
+          gl.useProgram(program);
+          gl.bindTexture(gl.TEXTURE_2D_ARRAY, gl.createTexture());
+          gl.texStorage3D(gl.TEXTURE_2D_ARRAY, 1, gl.RGBA16F, {width}, {height}, 1);
+          for (const name of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER])
+            gl.texParameteri(gl.TEXTURE_2D_ARRAY, name, gl.NEAREST);
+          gl.texSubImage3D(gl.TEXTURE_2D_ARRAY, 0, 0, 0, 0, {width}, {height}, 1, gl.RGBA,
+                           gl.HALF_FLOAT, new Uint16Array(halves.buffer));
+          const target = gl.createTexture(), bytes = new Uint8Array({4 * len(texels)});
+          gl.bindTexture(gl.TEXTURE_2D, target);
+          gl.texStorage2D(gl.TEXTURE_2D, 1, gl.RGBA8, {width}, {height});
+          gl.bindFramebuffer(gl.FRAMEBUFFER, gl.createFramebuffer());
+          gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, target, 0);
+          gl.uniform1i(gl.getUniformLocation(program, 'uCurve'), kCurves.indexOf(curve));
+          gl.uniform1f(gl.getUniformLocation(program, 'uGain'), 2 ** exposure);
+          gl.viewport(0, 0, {width}, {height});
+          gl.drawArrays(gl.TRIANGLES, 0, 3);
+          gl.readPixels(0, 0, {width}, {height}, gl.RGBA, gl.UNSIGNED_BYTE, bytes);
+          if (gl.getError()) throw new Error('WebGL');
+          return btoa(Array.from(bytes, (b) => String.fromCharCode(b)).join(''));
+        }}"""
+        with Host(os.path.join(ROOT, "view/page")) as host:
+            page = self.browser.open(host.url + "/style.css", 64, 64)
+            page.wait("document.readyState === 'complete'")
+            page.run(f"""import('./shader.js').then(({{kDraw, kVertex, kCurves}}) => {{
+              const halves = Uint8Array.from(atob('{base64.b64encode(halves).decode()}'),
+                                             (c) => c.charCodeAt(0));
+              globalThis.draw = {draw};
+            }})""")
+            for number, curve in enumerate(["neutral", "srgb", "none"]):  # as ToneCurve
+                for exposure in [0, 1.5, -1, 6, -6]:
+                    found = base64.b64decode(page.run(f"draw('{curve}', {exposure})"))
+                    mapped = subprocess.run([DECODED, "--tones", str(number), str(exposure)],
+                                            input=colors, check=True, capture_output=True).stdout
+                    exact = [255 * min(max(v, 0), 1) for v in
+                             struct.unpack(f"<{4 * len(texels)}f", mapped)]
+                    worst = max(range(len(exact)), key=lambda i: abs(found[i] - exact[i]))
+                    with self.subTest(curve=curve, exposure=exposure, color=texels[worst // 4]):
+                        self.assertLess(abs(found[worst] - exact[worst]), 0.75)
             page.close()
 
     def test_states(self):

@@ -1,6 +1,10 @@
+// What page_test.py compares the page with.
+//
 // decoded FIELD STRIDE: writes the decoded samples of every STRIDEth tile to standard output,
-// colours then depths, in the order of the page's table (view/page/field.js). What page_test.py
-// compares the page's own tiles with.
+// colours then depths, in the order of the page's table (view/page/field.js).
+//
+// decoded --tones CURVE EXPOSURE: maps colours from standard input to standard output, four f32
+// each. CURVE is the number of a ToneCurve.
 
 #include <cstdio>
 #include <cstdlib>
@@ -8,6 +12,7 @@
 
 #include "field/geometry/section.h"
 #include "field/tiles/tile_cache.h"
+#include "slf/tone.h"
 
 namespace {
 
@@ -21,9 +26,19 @@ bool write_tile(TileCache& tiles, TileKey key) {
   return true;
 }
 
+int map_tones(const char* curve, const char* exposure) {
+  const ToneMapper map({std::stof(exposure), static_cast<ToneCurve>(std::stoi(curve))});
+  for (glm::vec4 color; std::fread(&color, sizeof color, 1, stdin) == 1;) {
+    color = map(color);
+    std::fwrite(&color, sizeof color, 1, stdout);
+  }
+  return 0;
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
+  if (argc == 4 && argv[1] == std::string("--tones")) return map_tones(argv[2], argv[3]);
   if (argc != 3) return 1;
   const auto field = FieldFile::open(argv[1]);
   if (!field) return 2;
