@@ -315,6 +315,20 @@ class PageTest(unittest.TestCase):
             4, "--exit", 16, "-o", field, "-f")
         return field
 
+    @staticmethod
+    def labelled(name, structures):
+        """A small field of structures of these names."""
+        with open(path(name + ".raw"), "wb") as file:
+            file.write(bytes(1 + k % len(structures) for k in range(8 ** 3)))
+        with open(path(name + ".json"), "w") as file:
+            json.dump({"labels": [{"id": k + 1, "name": one, "color": [1, 1, 1]}
+                                  for k, one in enumerate(structures)]}, file)
+        field = path(name + ".slf")
+        slf("build", path(name + ".raw"), "--dims", "8x8x8", "--labels", "--label-table",
+            path(name + ".json"), "--each-label", "--lighting", "direct", "--levels", 0, "--entry",
+            2, "--exit", 4, "-o", field, "-f")
+        return field
+
     def same_as(self, page, field, *structures, view=VIEWS[0], fragment=""):
         """Whether the page shows what slf render --structure draws."""
         options = [text for name in structures for text in ("--structure", name)]
@@ -424,6 +438,43 @@ class PageTest(unittest.TestCase):
             page.settle()
             self.assertIn("structures=core,left%20lobe:0.99", page.run("location.hash"))
             page.close()
+
+    def test_texts_show_the_structures_that_slf_render_shows(self):
+        names = ["core", "left lobe", "stem, white", "Körper", "a:b", "[x]", "1*2", "a.b", "0.5"]
+        field = self.labelled("named", names)
+        patterns = [
+            *names, "*", "?ore", "???? ????", "left *", "*e*", "[ck]*", "[!c]*", "[a-c]*", "K*r",
+            "", "cor", "Core", "core*core", "[", "[c", "a.?", "a?b", "a+", "(", "$",
+            "1\\*2", "1\\**", "\\c\\o\\re", "1\\d2", "core\\"]
+        looks = [
+            "", "0", "1", "0.25", ".5", "5.", "1.", "0.", ".", "1e-1", "1E-1", "1e-1.", "e-1", "1e",
+            "0x1", "+1", "-1", "-0", "1.01", "2", "1e2", "inf", "nan", " 1", "1 ", "0,5", "0.3:0.7",
+            "#ff8000", "#FF8000", "#ff80", "#ff800", "#ff80000", "#gg0000", "#12345-", "#-12345",
+            "#", "0.5:#ff8000", "#ff8000:0.5", "#ff8000:0", "0:#ff8000", "0.5:#ff80", "#ff80:0.5",
+            ":", ":0.5", "1:", "#000000"]
+        lists = [[text] for text in patterns + [f"core:{look}" for look in looks]] + [
+            ["*:0.5:#010203"], ["a:b:0.5"], ["a:*:#ffffff"], ["a:0.5"], ["0.5:0.5"], [":0.5"],
+            [":"], ["*:0.5", "core"], ["core", "*:0.5"], ["*", "l*:0", "a:b:#ff0000", "*x*:0.1"],
+            ["core", "none"]]
+        with Host(os.path.join(ROOT, "view/page")) as host:
+            page = self.browser.open(host.url + "/style.css", 64, 64)
+            page.wait("document.readyState === 'complete'")
+            # With an unknown name, so that there are looks even if none is known.
+            found = page.run(f"""import('./structures.js').then(({{looksOf, layersOf}}) =>
+              {json.dumps(lists)}.map((texts) => {{
+                const {{looks, unknown}} =
+                  looksOf({json.dumps(names)}, ['core:0', ...texts, 'no']);
+                return unknown.length > 1 ? 'refused' : layersOf(looks).map(
+                  ({{state, opacity, tint}}) => `${{state}} ${{opacity}} ${{tint}}`);
+              }}))""")
+            page.close()
+        for texts, shown in zip(lists, found, strict=True):
+            done = subprocess.run([DECODED, "--looks", field, *texts], capture_output=True,
+                                  text=True)
+            slfs = done.stdout.splitlines() if done.returncode == 0 else "refused"
+            with self.subTest(texts=texts):
+                self.assertIn(done.returncode, [0, 4])
+                self.assertEqual(shown, slfs)
 
     def test_structures_in_saved_views_and_as_an_attribute(self):
         field = self.structured()

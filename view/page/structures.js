@@ -8,14 +8,15 @@ import {kDamaged, kEmpty, kMissing, kStored} from './field.js';
 
 const kPlain = {shown: true, opacity: 1, tint: '#ffffff'};
 
-// Reads a text such as 'left *:0.3:#ffd0b0', as slf render --structure does.
+// Reads a text such as 'left *:0.3:#ffd0b0', as parse_structure() of slf does. The module's C++
+// library cannot parse floats, and would have to hand names and looks to and fro.
 function parsed(text) {
   const look = {...kPlain};
   let name = text;
   for (let at; (at = name.lastIndexOf(':')) >= 0; name = name.slice(0, at)) {
     const part = name.slice(at + 1);
     if (/^#[0-9a-f]{6}$/i.test(part)) look.tint = part.toLowerCase();
-    else if (/^\d*\.?\d+(e-?\d+)?$/i.test(part)) look.opacity = Math.min(1, Number(part));
+    else if (/^[\d.-][\d.e+-]*$/i.test(part) && part >= 0 && part <= 1) look.opacity = Number(part);
     else break;
   }
   if (look.opacity === 0) Object.assign(look, {shown: false, opacity: 1});
@@ -23,8 +24,9 @@ function parsed(text) {
 }
 // What tells whether a pattern fits a name, as fnmatch() does.
 function fits(pattern) {
-  const text = pattern.replace(/[.+^${}()|\\]/g, '\\$&').replaceAll('[!', '[^')
-    .replaceAll('*', '.*').replaceAll('?', '.');
+  const text = pattern.replace(/\\(.)|\[!|[*?.+^${}()|]/gsu, (part, plain) =>
+    ({'[!': '[^', '*': '.*', '?': '.'})[part] ??
+    `\\u{${(plain ?? part).codePointAt(0).toString(16)}}`);
   try {
     const form = new RegExp(`^${text}$`, 'su');
     return (name) => name === pattern || form.test(name);

@@ -5,12 +5,18 @@
 //
 // decoded --tones CURVE EXPOSURE: maps colours from standard input to standard output, four f32
 // each. CURVE is the number of a ToneCurve.
+//
+// decoded --looks FIELD TEXT…: writes a line for each structure that the texts show: its state, its
+// opacity and its tint, in bytes. Exits with 4 if a text names none or is refused.
 
+#include <cmath>
 #include <cstdio>
 #include <cstdlib>
 #include <string>
+#include <vector>
 
 #include "field/geometry/section.h"
+#include "field/structure_looks.h"
 #include "field/tiles/tile_cache.h"
 #include "slf/tone.h"
 
@@ -35,9 +41,25 @@ int map_tones(const char* curve, const char* exposure) {
   return 0;
 }
 
+int list_looks(const char* path, const std::vector<std::string>& texts) {
+  const auto field = Field::open(path);
+  if (!field) return 2;
+  std::vector<StructureLook> unknown;
+  const auto shown = structures_of(*field, texts, unknown);
+  if (!shown || !unknown.empty() || (!shown->empty() && !compose(*field, *shown))) return 4;
+  for (const Structure& one : *shown) {
+    const auto byte = [&](int c) { return std::lround(255 * one.tint[c]); };
+    std::printf("%u %g #%02lx%02lx%02lx\n", one.field.state(), static_cast<double>(one.opacity),
+                byte(0), byte(1), byte(2));
+  }
+  return 0;
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
+  if (argc > 3 && argv[1] == std::string("--looks"))
+    return list_looks(argv[2], {argv + 3, argv + argc});
   if (argc == 4 && argv[1] == std::string("--tones")) return map_tones(argv[2], argv[3]);
   if (argc != 3) return 1;
   const auto field = FieldFile::open(argv[1]);
