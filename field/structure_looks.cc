@@ -2,6 +2,7 @@
 
 #include <fnmatch.h>
 
+#include <algorithm>
 #include <charconv>
 #include <nlohmann/json.hpp>
 
@@ -28,9 +29,10 @@ bool parse_look(std::string_view text, StructureLook& look) {
 
 }  // namespace
 
-Result<StructureLook> parse_structure(std::string_view text) {
+Result<StructureLook> parse_structure(std::string_view text, std::span<const std::string> names) {
   StructureLook look;
-  for (std::size_t at; (at = text.rfind(':')) != text.npos; text = text.substr(0, at)) {
+  for (std::size_t at; !std::ranges::count(names, text) && (at = text.rfind(':')) != text.npos;
+       text = text.substr(0, at)) {
     if (parse_look(text.substr(at + 1), look)) continue;
     if (text.substr(at + 1, 1) != "#") break;  // the colon is part of the name
     return fail(ErrorCode::usage, text.substr(at + 1), ": expected a colour as #RRGGBB");
@@ -51,10 +53,11 @@ Result<std::vector<Structure>> structures_of(const Field& field, std::span<const
   const std::vector<std::string> names = field.states();
   std::vector<StructureLook> looks(names.size(), {.name = "", .opacity = 0});
   for (const std::string& text : texts) {
-    const auto look = SLF_TRY(parse_structure(text));
+    const auto look = SLF_TRY(parse_structure(text, names));
+    const bool named = std::ranges::count(names, look.name) > 0;
     bool found = false;
     for (std::size_t k = 0; k < names.size(); ++k)
-      if (look.name == names[k] || ::fnmatch(look.name.c_str(), names[k].c_str(), 0) == 0)
+      if (named ? look.name == names[k] : fnmatch(look.name.c_str(), names[k].c_str(), 0) == 0)
         looks[k] = look, found = true;
     if (!found) others.push_back(look);
   }

@@ -172,6 +172,53 @@ TEST(Outputs, AnExportThatFailsLeavesNothingInTheWay) {
   EXPECT_EQ(place.files(), (Names{"a.slf", "page.html", "site"}));
 }
 
+// What it left of a field of several states is gone on from, or makes room for other ones.
+TEST(Outputs, AnExportOfStatesThatIsKilledLeavesNothingInTheWay) {
+  Workplace place;
+  const std::string field = place / "a.slf", draft = place / "site.exporting.unfinished";
+  write_text(place / "v.nrrd", nrrd(5.5));
+  write_text(place / "s.json", R"({"states": [{"name": "a"},
+    {"name": "b", "clip": [[5.5, 5.5, 5.5, 0, 0, 1]]}, {"name": "c", "transfer": "flame"}]})");
+  const Arguments lattice{"--states", place / "s.json", "--entry", "4", "--exit",
+                          "16",       "--lighting",     "direct"};
+  ASSERT_EQ(slf(build(place / "v.nrrd", field, lattice)).exit_code, 0);
+  const auto command = [&](const std::string& states, const Arguments& more = {}) {
+    Arguments arguments{"export", field, "-o", place / "site", "-f", "--states", states};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    return arguments;
+  };
+  if (slf(command("a,b")).exit_code == 5) GTEST_SKIP() << "this slf has no page";
+  const auto killed = [&](const Arguments& arguments) {
+    for (int k = 0; k < 200; ++k) {
+      Running exporting(arguments);
+      if (!appears(draft)) break;
+      std::this_thread::sleep_for(std::chrono::milliseconds(k));
+      exporting.stop(SIGKILL);
+      if (exporting.wait().signal == SIGKILL && fs::exists(draft)) return true;
+    }
+    return false;
+  };
+  for (const Arguments& next :
+       {command("a,b"), command("a,c"), command("b,c,a"), command("a,b", {"--codec", "raw"}),
+        command("a,b", {"--max-size", "1MiB"})}) {
+    ASSERT_TRUE(killed(command("a,b")));
+    EXPECT_OUTCOME(slf(next), 0, "");
+    EXPECT_EQ(place.files(), (Names{"a.slf", "s.json", "site", "v.nrrd"}));
+    const std::string exported = place / "site/field.slf";
+    for (const char state : next[6]) {
+      if (state == ',') continue;
+      const std::string name(1, state);
+      EXPECT_OUTCOME(
+          slf({"diff", field, exported, "--state-a", name, "--state-b", name, "--min-psnr", "30"}),
+          0, "");
+    }
+  }
+  // A file of that name that is no draft stays.
+  write_text(draft, "precious");
+  EXPECT_OUTCOME(slf(command("a,b")), 3, "site.exporting.unfinished");
+  EXPECT_EQ(read_text(draft), "precious");
+}
+
 // A stopped preview is not a preview.
 TEST(Outputs, AStoppedPreviewReplacesNothing) {
   Workplace place;

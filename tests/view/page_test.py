@@ -439,8 +439,70 @@ class PageTest(unittest.TestCase):
             self.assertIn("structures=core,left%20lobe:0.99", page.run("location.hash"))
             page.close()
 
+    def test_begins_with_the_state_that_slf_view_is_told(self):
+        """A state, by name or number; of structures, the one of that name alone."""
+        views = {"views": [{"title": "Faded", "orbit": [60, 10, 3], "structures": ["*:0.5"]}]}
+        with open(path("first.json"), "w") as file:
+            json.dump(views, file)
+        parts = self.labelled("begin", ["a", 'b, "c" <d>&%2C', "e:0.5", "f*"])
+        with open(path("states2.json"), "w") as file:
+            json.dump({"states": [{"name": "a"}, {"name": 'b, "c" <d>&%2C', "transfer": "flame"}]},
+                      file)
+        field = path("states2.slf")
+        slf("build", path("cube.raw"), "--dims", "24x24x24", "--lighting", "direct", "--levels", 0,
+            "--entry", 2, "--exit", 8, "--states", path("states2.json"), "-o", field, "-f")
+        shown = "[slf.field.state, slf.field.layers.map(({state, opacity}) => [state, opacity])]"
+        everything = [[0, 1], [1, 1], [2, 1], [3, 1]]
+        for arguments, fragment, expected in [
+                ([field], "", [0, []]),
+                (["--state", "1", field], "", [1, []]),
+                (["--state", 'b, "c" <d>&%2C', field], "", [1, []]),
+                (["--state", "1", field], "#state=a", [0, []]),
+                ([parts], "", [0, everything]),
+                (["--state", "1", parts], "", [0, [[1, 1]]]),
+                (["--state", 'b, "c" <d>&%2C', parts], "", [0, [[1, 1]]]),
+                (["--state", "e:0.5", parts], "", [0, [[2, 1]]]),
+                (["--state", "3", parts], "#structures=a,e*:0.2", [0, [[0, 1], [2, 0.2]]]),
+                (["--views", path("first.json"), parts], "",
+                 [0, [[state, 0.5] for state, _ in everything]]),
+                (["--state", "0", "--views", path("first.json"), parts], "", [0, [[0, 1]]])]:
+            with self.subTest(arguments=arguments, fragment=fragment), Server(*arguments) as server:
+                page = self.browser.open(server.url + fragment, 64, 64)
+                page.wait("['loading', 'settled', 'failed'].includes(globalThis.slf?.state)")
+                self.assertEqual(page.run(shown), expected)
+                page.close()
+
+    def test_picks_the_nearest_structure_that_is_shown(self):
+        """As slf pick; what is hidden is not there."""
+        field = self.structured()
+        radius = json.loads(slf("info", field, "--json"))["sphere"]["radius"]
+        depths = {}
+        with Server(field) as server:
+            for structures in ["*", "*,right lobe:0", "left lobe", "core,right lobe:0.3", "*:0"]:
+                view = "#view=90,0,3&level=1&structures=" + quote(structures, safe=",*:")
+                page = self.browser.open(server.url + view, SIZE, SIZE)
+                page.settle()
+                found = page.run(f"slf.pick({SIZE / 2}, {SIZE / 2})")
+                page.close()
+                options = [text for name in structures.split(",") for text in ("--structure", name)]
+                same = json.loads(slf("pick", field, "--orbit", "90,0,3", "--fov", FOV, "--size",
+                                      f"{SIZE}x{SIZE}", f"{SIZE // 2},{SIZE // 2}", "--json",
+                                      *options))
+                with self.subTest(structures=structures):
+                    self.assertEqual(found is None, same["point"] is None)
+                    for a, b in zip((found or same)["point"] or [], same["point"] or []):
+                        self.assertLess(abs(a - b), 0.02 * radius)
+                depths[structures] = found and found["depth"]
+        # The lobe reaches to 9 voxels from the middle, the core to 5. A faint lobe counts less than
+        # the core behind it.
+        self.assertAlmostEqual(depths["*,right lobe:0"] - depths["*"], 4, delta=1)
+        self.assertGreater(depths["core,right lobe:0.3"], depths["*"] + 2)
+        self.assertGreater(depths["left lobe"], depths["*,right lobe:0"] + 4)
+        self.assertIsNone(depths["*:0"])
+
     def test_texts_show_the_structures_that_slf_render_shows(self):
-        names = ["core", "left lobe", "stem, white", "Körper", "a:b", "[x]", "1*2", "a.b", "0.5"]
+        names = ["core", "left lobe", "stem, white", "Körper", "a:b", "[x]", "1*2", "a.b", "0.5",
+                 "e:0.5", "e:0.5:7", "132", "c*"]
         field = self.labelled("named", names)
         patterns = [
             *names, "*", "?ore", "???? ????", "left *", "*e*", "[ck]*", "[!c]*", "[a-c]*", "K*r",
@@ -455,7 +517,7 @@ class PageTest(unittest.TestCase):
         lists = [[text] for text in patterns + [f"core:{look}" for look in looks]] + [
             ["*:0.5:#010203"], ["a:b:0.5"], ["a:*:#ffffff"], ["a:0.5"], ["0.5:0.5"], [":0.5"],
             [":"], ["*:0.5", "core"], ["core", "*:0.5"], ["*", "l*:0", "a:b:#ff0000", "*x*:0.1"],
-            ["core", "none"]]
+            ["core", "none"], ["e:0.5:0.25"], ["e:0.5:7:#ff0000"], ["e"], ["e:*:0.5"]]
         with Host(os.path.join(ROOT, "view/page")) as host:
             page = self.browser.open(host.url + "/style.css", 64, 64)
             page.wait("document.readyState === 'complete'")
@@ -858,6 +920,9 @@ class PageTest(unittest.TestCase):
             for name in ["WebAssembly", "DecompressionStream"]:
                 said = self.outcome(host.url + "/index.html", script=f"delete globalThis.{name}")
                 self.assertIn("too old or locked down: it lacks " + name, said)
+            self.assertEqual(self.outcome(host.url + "/index.html", script="""
+              WebAssembly.compileStreaming = async () => { throw new Error('no policy'); };"""),
+                             "no policy")
             for name in ["module.bin", "module.bin.js"]:
                 os.remove(os.path.join(host.folder, name))
             self.assertIn("cannot be loaded: module.bin", self.outcome(host.url + "/index.html"))

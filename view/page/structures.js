@@ -10,10 +10,11 @@ const kPlain = {shown: true, opacity: 1, tint: '#ffffff'};
 
 // Reads a text such as 'left *:0.3:#ffd0b0', as parse_structure() of slf does. The module's C++
 // library cannot parse floats, and would have to hand names and looks to and fro.
-function parsed(text) {
+function parsed(text, names) {
   const look = {...kPlain};
   let name = text;
-  for (let at; (at = name.lastIndexOf(':')) >= 0; name = name.slice(0, at)) {
+  for (let at; !names.includes(name) && (at = name.lastIndexOf(':')) >= 0;
+       name = name.slice(0, at)) {
     const part = name.slice(at + 1);
     if (/^#[0-9a-f]{6}$/i.test(part)) look.tint = part.toLowerCase();
     else if (/^[\d.-][\d.e+-]*$/i.test(part) && part >= 0 && part <= 1) look.opacity = Number(part);
@@ -29,9 +30,9 @@ function fits(pattern) {
     `\\u{${(plain ?? part).codePointAt(0).toString(16)}}`);
   try {
     const form = new RegExp(`^${text}$`, 'su');
-    return (name) => name === pattern || form.test(name);
+    return (name) => form.test(name);
   } catch {  // a bracket without its other one
-    return (name) => name === pattern;
+    return () => false;
   }
 }
 
@@ -40,7 +41,8 @@ function fits(pattern) {
 export function looksOf(names, texts = ['*']) {
   const looks = names.map(() => ({...kPlain, shown: false})), unknown = [];
   for (const text of texts) {
-    const {name, look} = parsed(text), is = fits(name);
+    const {name, look} = parsed(text, names);
+    const is = names.includes(name) ? (one) => one === name : fits(name);
     if (!names.some(is)) unknown.push(name);
     names.forEach((one, k) => { if (is(one)) looks[k] = {...look}; });
   }
