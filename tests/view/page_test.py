@@ -1144,6 +1144,14 @@ class PageTest(unittest.TestCase):
             for key in ["r"]:
                 page.call("Input.dispatchKeyEvent", type="keyDown", key=key, text=key)
             self.assertEqual(page.run("slf.camera.distance"), 3)
+            # A double click goes nearer; two quick clicks apart, as of the ruler, do not.
+            for apart, distance in [(100, 3), (2, 1.8)]:
+                page.run("new Promise((done) => setTimeout(done, 400))")
+                for x in [200, 200 + apart]:
+                    for kind in ["mousePressed", "mouseReleased"]:
+                        page.call("Input.dispatchMouseEvent", type=kind, x=x, y=256, button="left",
+                                  buttons=int(kind == "mousePressed"), clickCount=1)
+                self.assertAlmostEqual(page.run("slf.camera.distance"), distance)
             page.close()
 
 

@@ -4,14 +4,14 @@ import {calm} from './viewer.js';
 
 const kTurn = 180;   // degrees for a drag across the smaller side of the picture
 const kStep = 6;     // degrees for one press of a key
-const kDoubleTap = 300, kTapMoves = 6;  // milliseconds, pixels
+const kDoubleTap = 300, kTapMoves = 6, kTapApart = 24;  // milliseconds, pixels, pixels
 
 // Calls `moved` after each change, and `tap(x, y)` when the canvas is clicked. `wheels()`: whether
 // the wheel zooms. `hears` is what keys are pressed in; `keys` maps further ones to functions:
 // {r: function, …}.
 export function attach(canvas, camera, {moved, tap, wheels, hears, keys}) {
   const pointers = new Map();
-  let last = 0, lastTap = 0, travelled = 0;
+  let last = 0, tapped = {}, travelled = 0;
 
   const middle = () => {
     const all = [...pointers.values()], n = all.length;
@@ -55,13 +55,14 @@ export function attach(canvas, camera, {moved, tap, wheels, hears, keys}) {
     const now = performance.now();
     if (now - last > 60) camera.speed = [0, 0];  // the pointer rested before its release
     if (travelled < kTapMoves) {
+      const {offsetX: x, offsetY: y} = event;
       camera.speed = [0, 0];
-      if (now - lastTap < kDoubleTap) {
+      if (now - tapped.now < kDoubleTap && Math.hypot(x - tapped.x, y - tapped.y) < kTapApart) {
         camera.zoom(0.6);
-        lastTap = 0;
+        tapped = {};
       } else {
-        lastTap = now;
-        if (event.type === 'pointerup') tap(event.offsetX, event.offsetY);
+        tapped = {now, x, y};
+        if (event.type === 'pointerup') tap(x, y);
       }
     }
     moved();
