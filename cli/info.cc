@@ -18,6 +18,8 @@ struct InfoArguments {
 
 nlohmann::json vec3_json(const glm::dvec3& v) { return {v.x, v.y, v.z}; }
 
+std::string spaced(const std::string& unit) { return unit.empty() ? "" : " " + unit; }
+
 nlohmann::json field_json(const Field& field, const FieldContent& content) {
   const FieldShape& shape = field.shape();
   nlohmann::json levels = nlohmann::json::array();
@@ -48,14 +50,15 @@ void print_field(const Field& field, const FieldContent& content) {
   print("{}: {}sphere light field, {} on disk, {} of payload\n", field.path(),
         content.complete ? "" : "INCOMPLETE ", human_bytes(content.file_bytes),
         human_bytes(content.payload_bytes));
-  print("sphere  centre {:.2f},{:.2f},{:.2f}  radius {:.2f}\n", c.x, c.y, c.z, shape.sphere.radius);
+  const auto provenance = nlohmann::json::parse(field.provenance());
+  print("sphere  centre {:.2f},{:.2f},{:.2f}  radius {:.2f}{}\n", c.x, c.y, c.z,
+        shape.sphere.radius, spaced(text_of(provenance, "unit", "")));
   print("lattice {} entry, {} exit at the finest level\n", shape.entry_resolution(shape.levels),
         shape.exit_resolution(shape.levels));
   print("samples {} as {}\n", name(field.format()), field.codec());
   if (const auto part = field.part())
     print("part    tiles {}/{} up to {}/{}\n", part->begin.level, part->begin.index,
           part->end.level, part->end.index);
-  const auto provenance = nlohmann::json::parse(field.provenance());
   print("source  {}\n", text_of(provenance, "source", text_of(provenance, "name", "unknown")));
   if (const auto light = provenance.find("lighting"); light != provenance.end()) {
     const LightOptions lighting = raycast_options(field.provenance()).lighting;
@@ -88,6 +91,7 @@ nlohmann::json volume_json(const Volume& volume) {
       {"origin", vec3_json(volume.origin)},
       {"axes", {vec3_json(volume.axes[0]), vec3_json(volume.axes[1]), vec3_json(volume.axes[2])}},
       {"world", "LPS"},
+      {"unit", volume.unit},
       {"slope", volume.slope},
       {"intercept", volume.intercept},
       {"range", {range[0], range[1]}},
@@ -113,7 +117,7 @@ void print_volume(const Volume& volume) {
   print("{}: volume\n", volume.source);
   print("dims    {}x{}x{} {}{}\n", volume.dims[0], volume.dims[1], volume.dims[2],
         name(volume.type), volume.labels ? " labels" : "");
-  print("spacing {}\n", vec(volume.spacing()));
+  print("spacing {}{}\n", vec(volume.spacing()), spaced(volume.unit));
   print("range   {:.6g} to {:.6g}\n", range[0], range[1]);
   print("origin  {}  (world coordinates are LPS)\n", vec(volume.origin));
   for (int axis = 0; axis < 3; ++axis)

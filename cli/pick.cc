@@ -45,11 +45,14 @@ Result<void> run_pick(const Arguments& a) {
   if (pixels.empty()) return fail(ErrorCode::usage, "no pixels: expected X,Y or --pixels");
   const auto field = SLF_TRY(a.draw.open(a.field));
   const auto camera = SLF_TRY(a.camera.camera(field.shape().sphere));
+  const auto provenance = nlohmann::json::parse(field.provenance());
+  const std::string unit = text_of(provenance, "unit", "");
   Renderer renderer(field, a.draw.renderer());
   for (const auto& [x, y] : pixels) {
     const auto found = SLF_TRY(pick(renderer, camera, x, y));
     nlohmann::json json{
         {"pixel", {x, y}}, {"point", nullptr}, {"depth", nullptr}, {"uncertainty", nullptr}};
+    if (!unit.empty()) json["unit"] = unit;
     if (found) {
       json["point"] = {found->point.x, found->point.y, found->point.z};
       json["depth"] = found->depth;
@@ -58,8 +61,9 @@ Result<void> run_pick(const Arguments& a) {
     if (a.json)
       print("{}\n", json.dump());
     else if (found)
-      print("{},{}: {:.6g},{:.6g},{:.6g}  depth {:.6g} ± {:.2g}\n", x, y, found->point.x,
-            found->point.y, found->point.z, found->depth, found->uncertainty);
+      print("{},{}: {:.6g},{:.6g},{:.6g}  depth {:.6g} ± {:.2g}{}{}\n", x, y, found->point.x,
+            found->point.y, found->point.z, found->depth, found->uncertainty,
+            unit.empty() ? "" : " ", unit);
     else
       print("{},{}: nothing\n", x, y);
   }

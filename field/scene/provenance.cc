@@ -105,6 +105,7 @@ std::string describe(const Volume& volume, const TransferFunction& transfer,
            {"spacing", {volume.spacing().x, volume.spacing().y, volume.spacing().z}},
            {"transfer", json::parse(to_json(transfer))},
            {"step", options.step}};
+  if (!volume.unit.empty()) out["unit"] = volume.unit;
   if (options.projection != Projection::none)
     out["projection"] = kProjections[static_cast<std::size_t>(options.projection)];
   for (const auto& [point, normal] : options.clip)
@@ -126,7 +127,7 @@ std::string describe(const Volume& volume, const TransferFunction& transfer,
 
 std::string light_key(const std::string& provenance) {
   json key = json::parse(provenance);
-  for (const char* member : {"source", "step"}) key.erase(member);
+  for (const char* member : {"source", "step", "unit"}) key.erase(member);
   if (const auto lighting = key.find("lighting"); lighting != key.end())
     for (const char* shown : {"linear", "tone"}) lighting->erase(shown);
   key["method"] = 3;  // of computing light and looking it up; others have other numbers

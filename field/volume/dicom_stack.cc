@@ -274,6 +274,7 @@ Result<Volume> read_dicom_stack(const std::string& source, const DicomStack& sta
   volume.axes[0] = first.row * first.spacing.x;
   volume.axes[1] = first.column * first.spacing.y;
   SLF_TRY(check_axes(volume));
+  volume.unit = "mm";
 
   const bool uniform = std::ranges::all_of(slices, [&](const DicomSlice& s) {
     return s.slope == first.slope && s.intercept == first.intercept;

@@ -115,6 +115,7 @@ Result<void> set_position(const Words& words, const std::array<int, 3>& axis_of,
   }
   if (volume.origin == glm::dvec3(0)) volume.origin = volume.axes * start;
   volume.placement = "its cell, in angstroms";
+  if (scaled) volume.unit = "Å";
   return {};
 }
 

@@ -249,6 +249,7 @@ Result<void> set_position(NiftiHeader header, const VolumeOptions& options, Volu
   constexpr int kMetre = 1, kMicron = 3;
   const int unit = header.units & 7;
   const double to_mm = unit == kMetre ? 1e3 : unit == kMicron ? 1e-3 : 1;
+  if (unit >= kMetre && unit <= kMicron) volume.unit = "mm";
   const bool has_sform = header.sform_code > 0, has_qform = header.qform_code > 0;
   // A quaternion or an offset states a place even if its code is not set.
   const bool states_qform =

@@ -432,6 +432,11 @@ Result<Volume> read_nrrd(const std::string& path, std::string_view head,
   SLF_TRY(directed ? place_directed(header, axes, volume)
                    : place_by_spacing(axes, options, volume));
 
+  if (const auto* text = header.find("spaceunits"))
+    for (const std::string unit : {"mm", "cm", "m", "um", "µm", "nm"})
+      if (const std::string one = '"' + unit + '"'; *text == one + " " + one + " " + one)
+        volume.unit = unit;
+
   VoxelData data;
   SLF_TRY(choose_others(path, others, options, data));
   SLF_TRY(locate(header, volume.type, all_axes, data));

@@ -244,6 +244,7 @@ void set_spacing(const TiffDescription& d, const VolumeOptions& options, Volume&
   if (d.spacing.x > 0 && d.spacing.y > 0 && d.spacing.z > 0) {
     volume.placement = d.origin + " metadata, in " +
                        (d.has_unit ? "micrometres" : "a unit that they do not state");
+    if (d.has_unit) volume.unit = "µm";
     return;
   }
   if (options.spacing) return;

@@ -204,6 +204,7 @@ TEST(Outputs, AnExportOfStatesThatIsKilledLeavesNothingInTheWay) {
     ASSERT_TRUE(killed(command("a,b")));
     EXPECT_OUTCOME(slf(next), 0, "");
     EXPECT_EQ(place.files(), (Names{"a.slf", "s.json", "site", "v.nrrd"}));
+    if (next.back() == "1MiB") continue;  // coarser
     const std::string exported = place / "site/field.slf";
     for (const char state : next[6]) {
       if (state == ',') continue;

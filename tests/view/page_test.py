@@ -1286,8 +1286,21 @@ class PageTest(unittest.TestCase):
             json.dump([{"Name": "Opaque", "ColorSpace": "RGB", "ScalarOpacityUnitDistance": 0.1,
                         "Points": [0, 0, 0.5, 0, 104, 0, 0.5, 0, 106, 1, 0.5, 0, 255, 1, 0.5, 0],
                         "RGBPoints": [0, 1, 0.9, 0.8, 255, 1, 0.9, 0.8]}], file)
-        slf("build", path("cube.raw"), "--dims", "24x24x24", "--spacing", "2x2x2", "--levels", 1,
-            "--transfer", path("opaque.json"), "--entry", 8, "--exit", 32, "-o", field, "-f")
+        with open(path("phantom.nhdr"), "w") as file:
+            file.write("""NRRD0004
+type: uint8
+dimension: 3
+space: left-posterior-superior
+sizes: 24 24 24
+space directions: (2,0,0) (0,2,0) (0,0,2)
+space units: "mm" "mm" "mm"
+encoding: raw
+data file: cube.raw
+""")
+        slf("build", path("phantom.nhdr"), "--levels", 1, "--transfer", path("opaque.json"),
+            "--entry", 8, "--exit", 32, "-o", field, "-f")
+        picked = json.loads(slf("pick", field, "--size", "64x64", "32,32", "--json"))
+        self.assertEqual(picked["unit"], "mm")
         with Server(field) as server:
             page = self.browser.open(server.url + "#view=0,0,3&level=1", SIZE, SIZE)
             page.settle()
@@ -1297,17 +1310,26 @@ class PageTest(unittest.TestCase):
                 page.run(f"slf.flyTo('{view}')")
                 page.settle()
             said = page.run("slf.root.getElementById('status').textContent")
-            length, error = map(float, said.removeprefix("Distance: ").split(" ± "))
+            self.assertTrue(said.endswith(" mm"), said)
+            length, error = map(float, said[:-3].removeprefix("Distance: ").split(" ± "))
             self.assertLessEqual(abs(length - 24), 2)
             self.assertLess(0, error)
             self.assertLess(error, 4)
             # The scale bar: pixels of its length, at the distance of the centre.
             bar = page.run("""(() => {
               const bar = slf.root.getElementById('scale');
-              return [parseFloat(bar.textContent), bar.querySelector('i').offsetWidth];
+              return [parseFloat(bar.textContent), bar.querySelector('i').offsetWidth,
+                      bar.textContent];
             })()""")
+            self.assertRegex(bar[2], r"^\d+ mm$")
             radius = json.loads(slf("info", field, "--json"))["sphere"]["radius"]
             self.assertAlmostEqual(bar[1], bar[0] * SIZE / (2 * 3 * 0.35355 * radius), delta=2)
+            page.close()
+        with Server(path("lit.slf")) as server:  # of a volume without a unit
+            page = self.browser.open(server.url, SIZE, SIZE)
+            page.settle()
+            self.assertRegex(page.run("slf.root.getElementById('scale').ariaLabel"),
+                             r"^Scale: the bar is [\d.]+ units of the volume long$")
             page.close()
 
     # ---- embedding ------------------------------------------------------------------------------

@@ -45,6 +45,11 @@ export class Explain {
     };
   }
   get sphere() { return this.viewer.field.manifest.sphere; }
+  // Of world coordinates, after a space, if it is known.
+  get unit() {
+    const {unit} = this.viewer.field.manifest.provenance ?? {};
+    return unit ? ` ${unit}` : '';
+  }
   // From world units to radii from the sphere's centre, and back.
   inward(point) { return point.map((v, i) => (v - this.sphere.center[i]) / this.sphere.radius); }
   outward(point) { return point.map((v, i) => this.sphere.center[i] + v * this.sphere.radius); }
@@ -149,7 +154,7 @@ export class Explain {
   length() {
     const [a, b] = this.marks, length = Math.hypot(...add(a.point, b.point, -1));
     const error = Math.hypot(a.uncertainty, b.uncertainty);
-    return {length, error, text: `Distance: ${rounded(length, error)}`};
+    return {length, error, text: `Distance: ${rounded(length, error)}${this.unit}`};
   }
 
   // Puts notes, ruler and scale bar where they belong in the view.
@@ -220,9 +225,10 @@ export class Explain {
     const length = [5, 2, 1].map((n) => n * ten).find((v) => v * unit <= kBar);
     const bar = this.byId('scale'), line = document.createElement('i');
     bar.hidden = false;
-    bar.textContent = String(Number(length.toPrecision(3)));
-    bar.setAttribute('aria-label', `Scale: the bar is ${bar.textContent} units of the volume long`);
-    bar.title = 'In units of the volume, at the centre of the view';
+    bar.textContent = Number(length.toPrecision(3)) + this.unit;
+    const said = bar.textContent + (this.unit ? '' : ' units of the volume');
+    bar.setAttribute('aria-label', `Scale: the bar is ${said} long`);
+    bar.title = `${said}, at the centre of the view`;
     line.style.width = `${length * unit}px`;
     bar.append(line);
   }
