@@ -58,8 +58,8 @@ std::vector<std::string> option_names(const CLI::App& command) {
   return names;
 }
 
-/// The option that a message of CLI11 is about, which begins with its name or contains it. Errors of
-/// CLI11 do not say so in any other way.
+/// The option that a message of CLI11 is about, which begins with its name or contains it. Errors
+/// of CLI11 do not say so in any other way.
 const CLI::Option* option_of(const CLI::App& command, const std::string& message) {
   const CLI::Option* found = nullptr;
   std::size_t length = 0;
