@@ -64,6 +64,7 @@ TEST(VolumeMgh, PositionIsThatOfTheSameNifti) {
     EXPECT_LT(glm::length(world_of(volume, i, j, k) - expected), 1e-5) << i << j << k;
   }
   EXPECT_TRUE(volume.notes.empty());
+  EXPECT_EQ(volume.unit, "mm");
 }
 
 TEST(VolumeMgh, WithoutPositionAsFreeSurferDoes) {

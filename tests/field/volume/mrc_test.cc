@@ -109,6 +109,8 @@ TEST(VolumeMrc, CellAxesAndOrigin) {
   EXPECT_NEAR(oblique.spacing().y, 2, 1e-6);
   const auto bare = expect_read(folder.write("d.mrc", mrc({.cell = {0, 0, 0}})));
   EXPECT_EQ(bare.spacing(), glm::dvec3(1));
+  EXPECT_EQ(bare.unit, "");
+  EXPECT_EQ(oblique.unit, "Å");
   EXPECT_THAT(bare.notes, ElementsAre(HasSubstr("1x1x1")));
 }
 

@@ -186,6 +186,7 @@ TEST(VolumeTiff, ImageJsResolutionWithoutAUnit) {
   const auto plain = spacing(2, RESUNIT_NONE, "spacing=2.0\n");
   EXPECT_EQ(plain.spacing(), glm::dvec3(0.5, 1, 2));
   EXPECT_THAT(plain.placement, HasSubstr("in a unit that they do not state"));
+  EXPECT_EQ(plain.unit, "");
   EXPECT_EQ(spacing(4, RESUNIT_CENTIMETER, "spacing=2\n").spacing(), glm::dvec3(2500, 5000, 20000));
   EXPECT_EQ(spacing(72, RESUNIT_INCH, "spacing=2\n").spacing(), glm::dvec3(1, 1, 2));
   EXPECT_EQ(spacing(2, RESUNIT_INCH, "unit=mm\nspacing=2\n").spacing(),
@@ -221,6 +222,7 @@ TEST(VolumeTiff, ImageJSaysSpacingChannelsAndTimes) {
   EXPECT_EQ(volume.spacing(), glm::dvec3(0.25, 0.5, 2.5));
   EXPECT_THAT(volume.notes, IsEmpty());
   EXPECT_THAT(volume.placement, HasSubstr("ImageJ metadata, in micrometres"));
+  EXPECT_EQ(volume.unit, "µm");
   // Channels are the fastest, then slices, then times: choose the second of each.
   const auto hyper = write_tiff(
       folder, "b.tif",

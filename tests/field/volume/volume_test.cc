@@ -184,6 +184,9 @@ TEST(Volume, NiftiUnitsBecomeMillimetres) {
   const auto volume = expect_read(folder.write("a.nii", nifti(header)));
   EXPECT_NEAR(volume.spacing().z, 0.003, 1e-9);
   EXPECT_NEAR(volume.origin.z, 0.040, 1e-9);
+  EXPECT_EQ(volume.unit, "mm");
+  header.units = 0;
+  EXPECT_EQ(expect_read(folder.write("b.nii", nifti(header))).unit, "");
 }
 
 // What nibabel's Nifti1Header.get_best_affine gives, worked out here from its rules: the sform
