@@ -2,6 +2,7 @@
 
 #include <fnmatch.h>
 
+#include <algorithm>
 #include <charconv>
 #include <nlohmann/json.hpp>
 
@@ -51,7 +52,9 @@ Result<std::vector<Structure>> structures_of(const Field& field, std::span<const
   const std::vector<std::string> names = field.states();
   std::vector<StructureLook> looks(names.size(), {.name = "", .opacity = 0});
   for (const std::string& text : texts) {
-    const auto look = SLF_TRY(parse_structure(text));
+    // A state's name may end as with an opacity or a colour.
+    const bool named = std::find(names.begin(), names.end(), text) != names.end();
+    const auto look = SLF_TRY(named ? StructureLook{.name = text} : parse_structure(text));
     bool found = false;
     for (std::size_t k = 0; k < names.size(); ++k)
       if (look.name == names[k] || ::fnmatch(look.name.c_str(), names[k].c_str(), 0) == 0)

@@ -395,10 +395,10 @@ Result<BuildReport> build(const TileSource& source, Manifest manifest, const std
   state.skipped = state.total - count_rays(tracer, order, manifest.shape, missing.numbers());
   state.done = state.skipped;
   const std::string file = earlier && earlier->in_place ? output.target : output.unfinished();
-  Reporter reporter(progress, state,
-                    path + (source.read ? ": repack interrupted; nothing was written"
-                                        : ": interrupted; the same build goes on from here (" +
-                                              file + ")"));
+  Reporter reporter(
+      progress, state,
+      path + (source.read ? ": repack interrupted; nothing was written"
+                          : ": interrupted; the same build goes on from here (" + file + ")"));
   const GoOn go_on = [&] { return reporter.go_on(); };
   // Light is computed once, and kept in the file from its first commit on.
   bool has_light = source.scenes.empty();
@@ -414,10 +414,10 @@ Result<BuildReport> build(const TileSource& source, Manifest manifest, const std
                              : coarser ? codec_of(*coarser)
                                        : train_codec(tracer, manifest, go_on));
   const auto draft = source.read ? FieldWriter::Draft::discard : FieldWriter::Draft::keep;
-  auto writer = SLF_TRY(!earlier            ? FieldWriter::create(output, draft, manifest,
-                                                                  codec->tables(), light)
-                        : earlier->in_place ? FieldWriter::edit(path, earlier->transaction)
-                                            : FieldWriter::resume(output, earlier->transaction));
+  auto writer =
+      SLF_TRY(!earlier ? FieldWriter::create(output, draft, manifest, codec->tables(), light)
+              : earlier->in_place ? FieldWriter::edit(path, earlier->transaction)
+                                  : FieldWriter::resume(output, earlier->transaction));
   if (earlier && !light.empty()) SLF_TRY(writer.put_light(light));
 
   SameTiles same(tracer, order, manifest.shape.states);
