@@ -108,6 +108,7 @@ CLI::Option* add_vector(CLI::App& command, const std::string& name, std::vector<
       ->delimiter(',')
       ->type_size(3)
       ->expected(1)
+      ->allow_extra_args(false)
       ->check(kPlace)
       ->type_name(kVector);
 }
@@ -233,6 +234,7 @@ CLI::Option* add_orbit(CLI::App& command, std::vector<double>& orbit, const std:
       ->delimiter(',')
       ->type_size(3)
       ->expected(1)
+      ->allow_extra_args(false)
       ->check(distance)
       ->check(kPlace)
       ->type_name("AZ,EL,DIST")

@@ -2,6 +2,7 @@
 #include <array>
 #include <filesystem>
 #include <fstream>
+#include <span>
 
 #include "base/try.h"
 #include "cli/command.h"
@@ -34,7 +35,15 @@ Result<void> add_states(const std::string& input, const std::vector<std::string>
   const std::vector<std::string> names = first.states();
   if (names.empty() && chosen.empty())
     states.push_back({std::filesystem::path(input).stem(), first});
-  for (const std::string& name : chosen.empty() ? names : chosen) {
+  const auto is_state = [&](const std::string& name) {
+    return std::ranges::find(names, name) != names.end();
+  };
+  for (std::span left(chosen.empty() ? names : chosen); !left.empty();) {
+    std::string name = left[0], joined = name;
+    std::size_t parts = 1;  // of a name with commas
+    for (std::size_t k = 1; k < std::min<std::size_t>(8, left.size()) && !is_state(name); ++k)
+      if (is_state(joined += "," + left[k])) name = joined, parts = k + 1;
+    left = left.subspan(parts);
     const auto field = SLF_TRY(show_state(first, name));
     states.push_back({field.states().empty() ? "" : names[field.state()], field});
   }

@@ -29,7 +29,8 @@ Result<std::vector<std::array<double, 2>>> read_pixels(const std::string& path) 
   std::size_t number = 0;
   for (std::string line; std::getline(lines, line);) {
     ++number;
-    if (line.find_first_not_of(" \t\r") == std::string::npos) continue;
+    if (line.ends_with('\r')) line.pop_back();
+    if (line.find_first_not_of(" \t") == std::string::npos) continue;
     std::array<double, 2> pixel{};
     if (!CLI::detail::lexical_conversion<std::array<double, 2>, std::array<double, 2>>(
             CLI::detail::split(line, ','), pixel))

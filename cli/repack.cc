@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <filesystem>
+#include <map>
 
 #include "base/try.h"
 #include "cli/command.h"
@@ -46,10 +47,15 @@ Result<void> split(const RepackArguments& a, std::span<const StateSource> states
   const std::size_t at = a.output.find("{state}");
   if (at == std::string::npos)
     return fail(ErrorCode::usage, a.output, ": --split-states needs {state} in the output's name");
+  std::map<std::string, std::string> written;  // the states in files
   for (const StateSource& state : states) {
     std::string path = a.output, name = state.name;
-    std::ranges::replace(name, '/', '_');
+    std::ranges::replace_if(
+        name, [](unsigned char c) { return c == '/' || c < ' '; }, '_');
     path.replace(at, 7, name);
+    if (const auto [file, is_new] = written.emplace(path, state.name); !is_new)
+      return fail(ErrorCode::usage, path, ": is the file of the state '", file->second,
+                  "', and of '", state.name, "', too; choose one with --states");
     const auto report = SLF_TRY(
         repack_field(state.field, path, options, progress_bar("repack", "tiles", OnSignal::stop)));
     print("{}: {}\n", path, human_bytes(static_cast<double>(report.file_bytes)));

@@ -46,7 +46,8 @@ CLI::Option* add_numbers(CLI::App& command, const char* name, int count, char de
   return command.add_option_function<std::vector<T>>(name, std::move(set), help)
       ->delimiter(delimiter)
       ->type_size(count)
-      ->expected(1);
+      ->expected(1)
+      ->allow_extra_args(false);
 }
 
 }  // namespace

@@ -3,6 +3,7 @@
 #include <set>
 
 #include "base/file.h"
+#include "base/nesting.h"
 #include "base/try.h"
 #include "cli/command.h"
 
@@ -36,6 +37,7 @@ void append_arguments(const std::string& name, const nlohmann::json& value,
 Result<SourceArguments> arguments_of(const nlohmann::json& state, const SourceArguments& common) {
   SourceArguments source = common;
   CLI::App options;
+  options.set_help_flag();
   source.add_volume_to(options, "--input");
   source.add_light_to(options);
   source.add_pictures_to(options);
@@ -55,6 +57,7 @@ Result<SourceArguments> arguments_of(const nlohmann::json& state, const SourceAr
   } catch (const CLI::ParseError& error) {
     return fail(ErrorCode::usage, error.what());
   }
+  if (options.count("--lighting") > 0) source.raycast.projection = Projection::none;
   return source;
 }
 
@@ -76,14 +79,17 @@ Result<nlohmann::json> read_states(const std::string& path) {
   const std::string_view text(reinterpret_cast<const char*>(bytes.data()), bytes.size());
   nlohmann::json json;
   try {
-    json = nlohmann::json::parse(text);
-  } catch (const nlohmann::json::exception& error) {
+    json = nlohmann::json::parse(text, limit_nesting);
+  } catch (const std::exception& error) {
     return fail(ErrorCode::bad_file, path, ": not JSON: ", error.what());
   }
   const nlohmann::json states = json.is_object() ? json.value("states", nlohmann::json()) : json;
   if (!states.is_array() || states.empty())
     return fail(ErrorCode::bad_file, path,
                 R"(: expected {"states": [{"name": TEXT, OPTION: VALUE, ...}, ...]})");
+  if (states.size() > kMaxStates)
+    return fail(ErrorCode::bad_file, path, ": ", states.size(), " states; a field has at most ",
+                kMaxStates);
   std::set<std::string> names;
   for (std::size_t k = 0; k < states.size(); ++k) {
     const std::string name = states[k].is_object() ? text_of(states[k], "name", "") : "";
@@ -110,7 +116,14 @@ Result<std::vector<MadeState>> make_label_states(const SourceArguments& common) 
   const auto groups = SLF_TRY(hinted(label_groups(source)));
   for (const LabelGroup& group : groups) {
     source.only_labels = group.ids;
-    auto scene = SLF_TRY(hinted(make_scene(source)));
+    auto visible = make_scene(source);
+    const char* choice = visible ? nullptr : visible.error().choice;
+    if (choice && std::string_view(choice) == "only_labels" &&
+        (!made.empty() || &group != &groups.back())) {
+      note(group.name + ": no voxel of it is visible, so it is no state");
+      continue;
+    }
+    auto scene = SLF_TRY(hinted(std::move(visible)));
     if (made.empty()) {
       SLF_TRY(scene->prepare());
       source.on_note = {};
@@ -126,13 +139,14 @@ Result<std::vector<MadeState>> make_states(const std::string& file, const Source
                                            const std::string& last) {
   std::vector<MadeState> made;
   const auto states = SLF_TRY(read_states(file));
+  bool named = false;  // else `last` is a number, or a time's name
   std::string lit_by;  // what gives `last` its light
   for (const nlohmann::json& state : states)
-    if (text_of(state, "name", "") == last) lit_by = text_of(state, kLightFrom, "");
+    if (text_of(state, "name", "") == last) named = true, lit_by = text_of(state, kLightFrom, "");
   for (nlohmann::json state : states) {
     const std::string name = text_of(state, "name", "");
     const bool all = state.value("time", nlohmann::json()) == "all";
-    const bool needed = last.empty() || made.empty() || all || name == last || name == lit_by;
+    const bool needed = !named || made.empty() || all || name == last || name == lit_by;
     for (unsigned time = 0; needed; ++time) {
       if (all) state["time"] = time;
       const auto own = arguments_of(state, common);
@@ -145,7 +159,8 @@ Result<std::vector<MadeState>> make_states(const std::string& file, const Source
       const auto ok = scene ? share_light(state, made, **scene) : tl::unexpected(scene.error());
       if (!ok) return fail(ok.error().code, file, ": state '", name, "': ", ok.error().message);
       made.push_back({all ? fmt::format("{} {}", name, time) : name, std::move(*scene)});
-      if (made.back().name == last || std::to_string(made.size() - 1) == last) return made;
+      if (made.back().name == last || (!named && std::to_string(made.size() - 1) == last))
+        return made;
       if (!all) break;
     }
   }

@@ -245,7 +245,11 @@ std::string Field::provenance() const {
     const FieldFile& file = one.field.file();
     const OwnedJson part = file.manifest().provenance_of(file.state());
     const auto only = part->find("structures");
-    if (only == part->end() || !only->is_object() || !only->contains("only")) return own->dump();
+    const bool plain = one.opacity == 1 && one.tint == Structure{one.field}.tint;
+    if (!plain || only == part->end() || !only->is_object() || !only->contains("only")) {
+      (*own)["composed"] = structures_->size();  // no scene has this
+      return own->dump();
+    }
     for (const nlohmann::json& id : (*only)["only"])
       if (id.is_number_integer()) labels.insert(id.get<std::int64_t>());
   }

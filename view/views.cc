@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "base/file.h"
+#include "base/nesting.h"
 #include "base/try.h"
 #include "field/structure_looks.h"
 #include "view/site.h"
@@ -105,11 +106,13 @@ Result<Views> parse_views(const ViewsFile& file, const Sphere& sphere) {
   if (text.empty()) return Views{};
   json root;
   try {
-    root = json::parse(text);
+    root = json::parse(text, limit_nesting);
   } catch (const json::parse_error& error) {
     const auto end = text.begin() + static_cast<std::ptrdiff_t>(std::min(error.byte, text.size()));
     return fail(ErrorCode::bad_file, path, ", line ", 1 + std::count(text.begin(), end, '\n'),
                 ": this is no JSON; schemas/views.json says what is expected");
+  } catch (const std::exception& error) {
+    return fail(ErrorCode::bad_file, path, ": ", error.what());
   }
   if (!root.is_object() || !(root.contains("views") || root.contains("notes")))
     return fail(ErrorCode::bad_file, path,

@@ -213,6 +213,12 @@ Result<std::unique_ptr<Scene>> volume_scene(const SceneDescription& d) {
     patched.merge_patch(light_of);
     patched.erase("light_of");
     other.truth_of = patched.dump();
+    const json parts = patched.value("structures", json::object());
+    if (!parts.contains("mask")) other.mask = {};
+    if (!parts.contains("labels") && other.labels_volume) {
+      other.labels_volume = {};
+      other.label_table.clear();
+    }
     other.raycast.clip.clear();
     other.only_labels.clear();
     other.on_note = {};
@@ -272,15 +278,19 @@ Result<std::vector<LabelGroup>> label_groups(const SceneDescription& d) {
     return fail_without("labels", ErrorCode::usage, labels.source,
                         ": holds amounts, not labels of structures");
   const auto styles = SLF_TRY(styles_of(d, labels));
+  const auto& only = d.only_labels;
   std::vector<LabelGroup> groups;
   for (const std::int64_t id : label_ids(labels)) {
     const auto style = styles.find(id);
     if (id == 0 || (style != styles.end() && style->second.opacity == 0)) continue;
+    if (!only.empty() && std::ranges::find(only, id) == only.end()) continue;
     std::string name = style != styles.end() ? style->second.name : "";
     if (name.empty()) name = "label " + std::to_string(id);
     const auto same = std::ranges::find(groups, name, &LabelGroup::name);
     (same != groups.end() ? *same : groups.emplace_back(LabelGroup{name, {}})).ids.push_back(id);
   }
+  if (groups.empty())
+    return fail_without("label_table", ErrorCode::usage, labels.source, ": has no visible label");
   return groups;
 }
 

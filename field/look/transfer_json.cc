@@ -2,6 +2,7 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
+#include "base/nesting.h"
 #include "base/try.h"
 #include "field/look/transfer_formats.h"
 #include "field/volume/io.h"
@@ -213,7 +214,7 @@ transfer_formats::Presets transfer_formats::parse_json(const std::string& text,
   if (text.size() > kMaxBytes)
     return bad(source, ": ", text.size(), " bytes, expected JSON of at most ", kMaxBytes);
   try {
-    json document = json::parse(text);
+    json document = json::parse(text, limit_nesting);
     if (document.is_object() && document.contains("volumeProperties")) {
       json presets = json::array();
       for (const json& property : document["volumeProperties"])

@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "base/file.h"
+#include "base/nesting.h"
 
 namespace slf {
 namespace {
@@ -99,10 +100,15 @@ class Members {
 }  // namespace
 
 Result<LightRig> parse_rig(const std::string& text, const std::string& source) {
-  const json rig = json::parse(text, nullptr, /*allow_exceptions=*/false);
   const auto bad = [&](const std::string& what) {
     return fail(ErrorCode::bad_file, source, ": not a light rig: ", what);
   };
+  json rig;
+  try {
+    rig = json::parse(text, limit_nesting);
+  } catch (const std::exception& error) {
+    return bad(error.what());
+  }
   if (!rig.is_object()) return bad("expected a JSON object");
   LightRig out;
   out.name = source;

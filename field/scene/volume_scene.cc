@@ -226,6 +226,9 @@ Result<std::unique_ptr<VolumeScene>> make_volume_scene(Volume volume,
   if (!bounds && !grid.clip.empty())
     return fail_without("clip", ErrorCode::failed, v.source,
                         ": nothing visible is left by the planes that clip it");
+  if (!bounds && options.parts.mask)
+    return fail_without("mask", ErrorCode::failed, v.source,
+                        ": nothing visible is left by the mask ", options.parts.mask->source);
   if (!bounds)
     return fail(ErrorCode::failed, v.source, ": the transfer function '", transfer.name,
                 "' leaves nothing visible: its opacity is zero over all values of the volume (",

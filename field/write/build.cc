@@ -128,11 +128,6 @@ Result<std::optional<EarlierBuild>> find_earlier_build(const FieldOutput& output
                       light_of(**field), in_place};
 }
 
-Result<FieldWriter> create(const FieldOutput& output, const Manifest& manifest,
-                           const codec::Codec& codec, ByteSpan light) {
-  return FieldWriter::create(output, FieldWriter::Draft::keep, manifest, codec.tables(), light);
-}
-
 /// Whether tiles are predicted from those of coarser levels.
 bool predicts(const Manifest& manifest) { return codec::is_predictive(manifest.codec); }
 
@@ -385,7 +380,8 @@ Result<BuildReport> build(const TileSource& source, Manifest manifest, const std
   if (plan.part != all_keys(manifest.shape)) manifest.part = plan.part;
   if (manifest.part && manifest.shape.states > 1)
     return fail(ErrorCode::unsupported, path, ": a field of several states is not built in parts");
-  auto earlier = SLF_TRY(find_earlier_build(output, plan.tiles, manifest));
+  std::optional<EarlierBuild> earlier;
+  if (!source.read) earlier = SLF_TRY(find_earlier_build(output, plan.tiles, manifest));
 
   const TileTracer tracer = source.tracer(manifest);
   BuildReport report;
@@ -399,8 +395,10 @@ Result<BuildReport> build(const TileSource& source, Manifest manifest, const std
   state.skipped = state.total - count_rays(tracer, order, manifest.shape, missing.numbers());
   state.done = state.skipped;
   const std::string file = earlier && earlier->in_place ? output.target : output.unfinished();
-  Reporter reporter(progress, state,
-                    path + ": interrupted; the same build goes on from here (" + file + ")");
+  Reporter reporter(
+      progress, state,
+      path + (source.read ? ": repack interrupted; nothing was written"
+                          : ": interrupted; the same build goes on from here (" + file + ")"));
   const GoOn go_on = [&] { return reporter.go_on(); };
   // Light is computed once, and kept in the file from its first commit on.
   bool has_light = source.scenes.empty();
@@ -415,9 +413,11 @@ Result<BuildReport> build(const TileSource& source, Manifest manifest, const std
   const auto codec = SLF_TRY(earlier   ? Result<CodecPointer>(std::move(earlier->codec))
                              : coarser ? codec_of(*coarser)
                                        : train_codec(tracer, manifest, go_on));
-  auto writer = SLF_TRY(!earlier            ? create(output, manifest, *codec, light)
-                        : earlier->in_place ? FieldWriter::edit(path, earlier->transaction)
-                                            : FieldWriter::resume(output, earlier->transaction));
+  const auto draft = source.read ? FieldWriter::Draft::discard : FieldWriter::Draft::keep;
+  auto writer =
+      SLF_TRY(!earlier ? FieldWriter::create(output, draft, manifest, codec->tables(), light)
+              : earlier->in_place ? FieldWriter::edit(path, earlier->transaction)
+                                  : FieldWriter::resume(output, earlier->transaction));
   if (earlier && !light.empty()) SLF_TRY(writer.put_light(light));
 
   SameTiles same(tracer, order, manifest.shape.states);

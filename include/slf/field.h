@@ -69,7 +69,8 @@ class Field {
   [[nodiscard]] Result<Field> in_state(unsigned state) const;
   [[nodiscard]] Result<Field> in_state(const std::string& name) const;
   /// The source and the settings of the build: a JSON object without a fixed schema. Of a composed
-  /// field, those of a build that shows the labels of all its structures, if they have labels.
+  /// field, those of a build that shows the labels of all its structures, if they have labels and
+  /// are neither faded nor tinted; else it has the member "composed", their number.
   [[nodiscard]] std::string provenance() const;
   /// Whether colours are linear radiance, which map_tones() in render.h shows.
   [[nodiscard]] bool linear() const;

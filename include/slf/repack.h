@@ -69,9 +69,8 @@ struct StateSource {
 /// Writes a field of some states, of one or several fields with one sphere, lattice and format. One
 /// state: repack_field().
 /// Tiles whose decoded samples are equal are stored once. All are encoded again, as by
-/// repack_field(). The draft at PATH.unfinished is resumed as a build is. Options and errors are
-/// those of repack_field(). usage: fields that do not fit together; a state without a name, or with
-/// that of another. tile_missing: a field is not complete.
+/// repack_field(), which has the options and errors. usage: fields that do not fit together; a state
+/// without a name, or with that of another. tile_missing: a field is not complete.
 [[nodiscard]] Result<RepackReport> join_states(std::span<const StateSource> states,
                                                const std::string& path,
                                                const RepackOptions& options,

@@ -98,7 +98,7 @@ struct LabelGroup {
   std::vector<std::int64_t> ids;
 };
 /// The visible structures of the label volume, or of the volume of labels at `input`, by their
-/// least ids. usage: there are no labels. Else errors as read_volume() and read_label_table().
+/// least ids. usage: there is none. Else errors as read_volume() and read_label_table().
 [[nodiscard]] Result<std::vector<LabelGroup>> label_groups(const SceneDescription& description);
 
 /// The volume at `input`. Errors as read_volume(path, options), and bad_file for what has cameras.

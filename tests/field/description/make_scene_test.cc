@@ -194,6 +194,23 @@ TEST(MakeScene, OneLightServesScenesThatAreCut) {
   EXPECT_NEAR(from(**again, above).r, from(**cut, above).r, 0.01);  // its step is finer
 }
 
+TEST(MakeScene, OneLightServesAMaskedSceneAndTheWhole) {
+  const std::shared_ptr<const Scene> whole = std::move(*dense_ball(false));
+  SceneDescription d = description();
+  d.raycast.lighting.samples = 4;
+  d.range = {20, 60};
+  d.mask.volume = ball();
+  const auto masked = make_scene(d);
+  ASSERT_TRUE(masked && (*masked)->share_light(whole));
+  ASSERT_TRUE(whole->prepare());
+  SceneDescription truth = description();
+  truth.mask = d.mask;
+  truth.truth_of = (*masked)->provenance();
+  const auto again = make_scene(truth);
+  ASSERT_TRUE(again) << again.error().message;
+  EXPECT_TRUE((*again)->set_light(whole->light()));  // which no mask has changed
+}
+
 TEST(MakeScene, RefusesTheLightOfAnUnlikeScene) {
   const auto refusal = [](const SceneDescription& d, std::shared_ptr<const Scene> from) {
     const auto scene = make_scene(d);

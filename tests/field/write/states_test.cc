@@ -273,6 +273,12 @@ TEST_P(States, AreCopiedTogetherAndAlone) {
   }
   EXPECT_TRUE(!lossless || some->in_state(2)->content()->payload_bytes == 0);
   EXPECT_EQ(verify_field(path("some.slf"), {})->found, 0u);
+  // Nothing of the manifest says which samples were copied, so a copy is never gone on with.
+  const auto again = join_states(chosen, path("some.slf"), {});
+  EXPECT_EQ(again.error().code, ErrorCode::usage);
+  const auto stop = [](const Progress&) { return false; };
+  EXPECT_EQ(join_states(chosen, path("stopped.slf"), {}, stop).error().code, ErrorCode::cancelled);
+  EXPECT_FALSE(std::filesystem::exists(path("stopped.slf.unfinished")));
   BuildOptions other = options();
   other.shape.exit_side = 2;
   ASSERT_TRUE(build_field(whole_, path("other.slf"), other));
