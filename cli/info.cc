@@ -53,8 +53,8 @@ void print_field(const Field& field, const FieldContent& content) {
         shape.exit_resolution(shape.levels));
   print("samples {} as {}\n", name(field.format()), field.codec());
   if (const auto part = field.part())
-    print("part    tiles {}/{} up to {}/{}\n", part->begin.level, part->begin.index,
-          part->end.level, part->end.index);
+    print("part    tiles {}/{} up to {}/{}{}\n", part->begin.level, part->begin.index,
+          part->end.level, part->end.index, field.states().empty() ? "" : " of each state");
   const auto provenance = nlohmann::json::parse(field.provenance());
   print("source  {}\n", text_of(provenance, "source", text_of(provenance, "name", "unknown")));
   if (const auto light = provenance.find("lighting"); light != provenance.end()) {
