@@ -43,13 +43,10 @@ Result<void> estimate(const RepackArguments& a, const Field& field, const Repack
 /// --split-states: a field for each state.
 Result<void> split(const RepackArguments& a, std::span<const StateSource> states,
                    const RepackOptions& options) {
-  const std::size_t at = a.output.find("{state}");
-  if (at == std::string::npos)
+  if (a.output.find("{state}") == std::string::npos)
     return fail(ErrorCode::usage, a.output, ": --split-states needs {state} in the output's name");
   for (const StateSource& state : states) {
-    std::string path = a.output, name = state.name;
-    std::ranges::replace(name, '/', '_');
-    path.replace(at, 7, name);
+    const std::string path = name_of_state(a.output, state.name);
     const auto report = SLF_TRY(
         repack_field(state.field, path, options, progress_bar("repack", "tiles", OnSignal::stop)));
     print("{}: {}\n", path, human_bytes(static_cast<double>(report.file_bytes)));

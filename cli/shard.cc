@@ -120,4 +120,10 @@ std::string name_of_part(std::string path, const ShardOptions& shard) {
   return path;
 }
 
+std::string name_of_state(std::string path, std::string state) {
+  std::ranges::replace(state, '/', '_');
+  replace_all(path, "{state}", state);
+  return path;
+}
+
 }  // namespace slf::cli
