@@ -183,45 +183,30 @@ struct EncodedTile {
   std::uint64_t back = 0;  ///< if it is the same as one of an earlier state: how many states back
 };
 
-/// The tiles that others are predicted from: coarser ones, and those of earlier states.
-struct WrittenTiles {
-  std::optional<TileReader> coarser;         ///< none: nothing is predicted
-  std::shared_ptr<const FieldFile> earlier;  ///< the file that is being written; null: not open
-};
-
-/// Workers read these while the writer replaces the file. A mutex guards them, because the load()
-/// of libstdc++ 12's atomic shared_ptr does not release.
-class SharedTiles {
+/// The tiles of the file that is being written, or none. Workers read them while the writer
+/// replaces the file. A mutex guards it, because the load() of libstdc++ 12's atomic shared_ptr
+/// does not release.
+class WrittenTiles {
  public:
-  /// `coarser`: null if the file that is being written has these levels.
-  explicit SharedTiles(std::shared_ptr<const FieldFile> coarser) : separate_(coarser != nullptr) {
-    if (coarser) tiles_.coarser = reader(std::move(coarser));
-  }
-
-  [[nodiscard]] WrittenTiles get() const {
+  [[nodiscard]] std::optional<TileReader> get() const {
     const std::lock_guard lock(mutex_);
     return tiles_;
   }
-  /// `file`: what is being written, as it is now; null for none.
-  void set(std::shared_ptr<const FieldFile> file) {
-    WrittenTiles tiles{{}, file};
-    if (separate_)
-      tiles.coarser = get().coarser;
-    else if (file)
-      tiles.coarser = reader(std::move(file));
+  void set(std::optional<TileReader> tiles) {
     const std::lock_guard lock(mutex_);
-    std::swap(tiles_, tiles);  // the last user of the old one closes it
+    tiles_.swap(tiles);  // the last user of the old one closes it
   }
 
  private:
-  static TileReader reader(std::shared_ptr<const FieldFile> file) {
-    return TileReader(Field::of(std::move(file)), {.memory = kCoarserBytes});
-  }
-
-  const bool separate_;
   mutable std::mutex mutex_;
-  WrittenTiles tiles_;
+  std::optional<TileReader> tiles_;
 };
+
+/// Null: none.
+std::optional<TileReader> tiles_of(std::shared_ptr<const FieldFile> file) {
+  if (!file) return std::nullopt;
+  return TileReader(Field::of(std::move(file)), {.memory = kCoarserBytes});
+}
 
 /// The checked inputs of a build.
 struct BuildJob {
@@ -230,20 +215,21 @@ struct BuildJob {
   const MissingTiles& missing;
   TileOrder order;
   unsigned threads;
-  SharedTiles written;
   SameTiles& same;
-  /// Whether tiles are predicted from those of the file that is being written.
-  const bool reads_own_file;
+  const std::optional<TileReader> coarser;  ///< if another file has the coarser levels
+  const bool reads_own_file;                ///< to predict tiles
+  WrittenTiles written{};
 
   Result<EncodedTile> make(TileKey key, TracedTile& traced) const {
     EncodedTile encoded;
     SLF_TRY(tracer.trace(key, traced));
     encoded.back = SLF_TRY(same.find(traced));
     if (traced.empty || encoded.back > 0) return encoded;
-    const auto [coarser, earlier] = written.get();
-    SLF_TRY(coarser
-                ? encode_tile(coarser->cache(), earlier.get(), key, traced.samples, encoded.payload)
-                : codec.encode(tracer.shape(key), traced.samples, nullptr, encoded.payload));
+    const auto own = written.get();
+    const auto& from = coarser ? coarser : own;
+    const FieldFile* const earlier = own ? &own->field().file() : nullptr;
+    SLF_TRY(from ? encode_tile(from->cache(), earlier, key, traced.samples, encoded.payload)
+                 : codec.encode(tracer.shape(key), traced.samples, nullptr, encoded.payload));
     return encoded;
   }
 
@@ -263,12 +249,11 @@ struct BuildJob {
   /// Opens the file that is being written as of the last commit, if it is read, and was not opened
   /// for some commits.
   Result<void> follow(const FieldWriter& writer) {
-    const auto read = written.get().earlier;
-    if (!reads_own_file ||
-        (read && writer.transaction() < read->store().transaction() + kCommitsPerReader))
-      return {};
+    const auto own = written.get();
+    const auto read = [&] { return own->field().file().store().transaction(); };
+    if (!reads_own_file || (own && writer.transaction() < read() + kCommitsPerReader)) return {};
     auto opened = SLF_TRY(FieldFile::whole(writer.file()));
-    written.set(std::move(opened));
+    written.set(tiles_of(std::move(opened)));
     return {};
   }
 };
@@ -312,14 +297,14 @@ Result<void> write_levels(BuildJob& job, FieldWriter& writer, const std::string&
     if (job.reads_own_file) {
       end = job.end_of_part(begin);
       // While a reader is open, each of many commits would take new pages.
-      if (state_of(job.key(begin)) > 0) job.written.set(nullptr);
+      if (state_of(job.key(begin)) > 0) job.written.set({});
       SLF_TRY(writer.commit_level());
-      job.written.set(nullptr);  // it lacks the level or state before
+      job.written.set({});  // it lacks the level or state before
       SLF_TRY(job.follow(writer));
     }
     SLF_TRY(write_missing(job, begin, end, writer, path, options, progress));
   }
-  job.written.set(nullptr);
+  job.written.set({});
   return {};
 }
 
@@ -440,8 +425,8 @@ Result<BuildReport> build(const TileSource& source, Manifest manifest, const std
                missing,
                order,
                thread_count(options.threads),
-               SharedTiles(coarser),
                same,
+               tiles_of(coarser),
                predicts(manifest) && (!coarser || manifest.shape.states > 1)};
   auto written = write_levels(job, writer, path, options, reporter);
   // What was written in place ends with an index even so.
