@@ -57,8 +57,8 @@ void print_field(const Field& field, const FieldContent& content) {
         shape.exit_resolution(shape.levels));
   print("samples {} as {}\n", name(field.format()), field.codec());
   if (const auto part = field.part())
-    print("part    tiles {}/{} up to {}/{}\n", part->begin.level, part->begin.index,
-          part->end.level, part->end.index);
+    print("part    tiles {}/{} up to {}/{}{}\n", part->begin.level, part->begin.index,
+          part->end.level, part->end.index, field.states().empty() ? "" : " of each state");
   print("source  {}\n", text_of(provenance, "source", text_of(provenance, "name", "unknown")));
   if (const auto light = provenance.find("lighting"); light != provenance.end()) {
     const LightOptions lighting = raycast_options(field.provenance()).lighting;

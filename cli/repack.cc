@@ -44,15 +44,11 @@ Result<void> estimate(const RepackArguments& a, const Field& field, const Repack
 /// --split-states: a field for each state.
 Result<void> split(const RepackArguments& a, std::span<const StateSource> states,
                    const RepackOptions& options) {
-  const std::size_t at = a.output.find("{state}");
-  if (at == std::string::npos)
+  if (a.output.find("{state}") == std::string::npos)
     return fail(ErrorCode::usage, a.output, ": --split-states needs {state} in the output's name");
   std::map<std::string, std::string> written;  // the states in files
   for (const StateSource& state : states) {
-    std::string path = a.output, name = state.name;
-    std::ranges::replace_if(
-        name, [](unsigned char c) { return c == '/' || c < ' '; }, '_');
-    path.replace(at, 7, name);
+    const std::string path = name_of_state(a.output, state.name);
     if (const auto [file, is_new] = written.emplace(path, state.name); !is_new)
       return fail(ErrorCode::usage, path, ": is the file of the state '", file->second,
                   "', and of '", state.name, "', too; choose one with --states");

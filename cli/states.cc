@@ -1,5 +1,6 @@
 // The states of a field to build: a JSON file of options that differ between them.
 #include <algorithm>
+#include <map>
 #include <set>
 
 #include "base/file.h"
@@ -33,8 +34,9 @@ void append_arguments(const std::string& name, const nlohmann::json& value,
   }
 }
 
-/// The options of a state in place of `common` ones.
-Result<SourceArguments> arguments_of(const nlohmann::json& state, const SourceArguments& common) {
+/// The options of the state `name` in place of `common` ones.
+Result<SourceArguments> arguments_of(const nlohmann::json& state, const std::string& name,
+                                     const SourceArguments& common) {
   SourceArguments source = common;
   CLI::App options;
   options.set_help_flag();
@@ -43,13 +45,13 @@ Result<SourceArguments> arguments_of(const nlohmann::json& state, const SourceAr
   source.add_pictures_to(options);
   options.get_option("--input")->required(false);
   std::vector<std::string> arguments;
-  for (const auto& [name, value] : state.items()) {
-    if (name == "name" || name == kLightFrom) continue;
-    if (name.starts_with('-') || !options.get_option_no_throw("--" + name))
+  for (const auto& [option, value] : state.items()) {
+    if (option == "name" || option == kLightFrom) continue;
+    if (option.starts_with('-') || !options.get_option_no_throw("--" + option))
       return fail(
-          ErrorCode::usage, "'", name,
+          ErrorCode::usage, "'", option,
           "' is no option of a volume, its light, a mesh or pictures: see slf build --help");
-    append_arguments(name, value, arguments);
+    append_arguments(option, value, arguments);
   }
   std::ranges::reverse(arguments);  // as CLI11 expects it
   try {
@@ -58,6 +60,7 @@ Result<SourceArguments> arguments_of(const nlohmann::json& state, const SourceAr
     return fail(ErrorCode::usage, error.what());
   }
   if (options.count("--lighting") > 0) source.raycast.projection = Projection::none;
+  source.light_volume.file = name_of_state(source.light_volume.file, name);
   return source;
 }
 
@@ -72,6 +75,17 @@ Result<void> share_light(const nlohmann::json& state, const std::vector<MadeStat
   return scene.share_light(from->scene).map_error([&](const Error& error) {
     return Error{error.code, fmt::format("{}: '{}': {}", kLightFrom, name, error.message)};
   });
+}
+
+/// usage: one of the states in `files` keeps its light in the same file.
+Result<void> check_light_file(const nlohmann::json& state, const SourceArguments& source,
+                              const std::string& name, std::map<std::string, std::string>& files) {
+  const std::string& file = source.light_volume.file;
+  if (file.empty() || state.contains(kLightFrom) || source.lighting == Lighting::direct) return {};
+  const auto [other, added] = files.emplace(file, name);
+  if (added) return {};
+  return fail(ErrorCode::usage, "--light-file ", file, ": has the light of state '", other->second,
+              "'; {state} in its name gives each its own");
 }
 
 Result<nlohmann::json> read_states(const std::string& path) {
@@ -143,24 +157,26 @@ Result<std::vector<MadeState>> make_states(const std::string& file, const Source
   std::string lit_by;  // what gives `last` its light
   for (const nlohmann::json& state : states)
     if (text_of(state, "name", "") == last) named = true, lit_by = text_of(state, kLightFrom, "");
+  std::map<std::string, std::string> light_files;
   for (nlohmann::json state : states) {
-    const std::string name = text_of(state, "name", "");
+    const std::string stem = text_of(state, "name", "");
     const bool all = state.value("time", nlohmann::json()) == "all";
-    const bool needed = !named || made.empty() || all || name == last || name == lit_by;
+    const bool needed = !named || made.empty() || all || stem == last || stem == lit_by;
     for (unsigned time = 0; needed; ++time) {
       if (all) state["time"] = time;
-      const auto own = arguments_of(state, common);
+      const std::string name = all ? fmt::format("{} {}", stem, time) : stem;
+      const auto own = arguments_of(state, name, common);
       auto scene = own ? make_scene(*own) : tl::unexpected(own.error());
       // There are no more times in the file.
       if (all && time > 0 && !scene && scene.error().choice &&
           std::string_view(scene.error().choice) == "time")
         break;
       scene = hinted(std::move(scene));
-      const auto ok = scene ? share_light(state, made, **scene) : tl::unexpected(scene.error());
-      if (!ok) return fail(ok.error().code, file, ": state '", name, "': ", ok.error().message);
-      made.push_back({all ? fmt::format("{} {}", name, time) : name, std::move(*scene)});
-      if (made.back().name == last || (!named && std::to_string(made.size() - 1) == last))
-        return made;
+      auto ok = scene ? share_light(state, made, **scene) : tl::unexpected(scene.error());
+      if (ok && last.empty()) ok = check_light_file(state, *own, name, light_files);
+      if (!ok) return fail(ok.error().code, file, ": state '", stem, "': ", ok.error().message);
+      made.push_back({name, std::move(*scene)});
+      if (name == last || (!named && std::to_string(made.size() - 1) == last)) return made;
       if (!all) break;
     }
   }

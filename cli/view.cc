@@ -11,7 +11,6 @@
 #include "base/try.h"
 #include "cli/command.h"
 #include "slf/repack.h"
-#include "storage/tile_writer.h"
 #include "view/fit.h"
 #include "view/page.h"
 #include "view/site.h"
@@ -109,17 +108,8 @@ Result<std::optional<Field>> repack_if_requested(const ExportArguments& a,
   if (std::filesystem::exists(std::filesystem::symlink_status(path, ignored)))
     return misuse(path, "exists; move or remove it: the export needs its name");
   const auto bar = progress_bar("export", "tiles", OnSignal::stop);
-  const auto write = [&] {
-    return limited ? view::repack_to_fit(states, path, options, room, bar)
-                   : join_states(states, path, options, bar);
-  };
-  auto written = write();
-  // The draft of several states that a killed export left may be of other ones.
-  const std::string draft = path + ".unfinished";
-  if (!written && written.error().code == ErrorCode::usage && is_field(draft) &&
-      !storage::is_being_written(draft) && unlink(draft.c_str()) == 0)
-    written = write();
-  SLF_TRY(std::move(written));
+  SLF_TRY(limited ? view::repack_to_fit(states, path, options, room, bar)
+                  : join_states(states, path, options, bar));
   const int file = open(path.c_str(), O_RDONLY | O_CLOEXEC);  // until the process ends
   unlink(path.c_str());
   return Field::open(path_of_descriptor(file));

@@ -209,11 +209,10 @@ Result<bool> FieldFile::part_is_complete() const {
   std::uint64_t expected = 0;
   for (unsigned level = 0; level <= shape().levels; ++level) expected += manifest_.tiles(level);
   std::uint64_t found = 0;
-  SLF_TRY(store_.visit(manifest_.part->begin, manifest_.part->end,
-                       [&](const storage::TileRef& tile) -> Result<void> {
-                         found += shape().has(tile.key) ? 1 : 0;
-                         return {};
-                       }));
+  SLF_TRY(store_.visit({0, 0}, {255, 0}, [&](const storage::TileRef& tile) -> Result<void> {
+    found += manifest_.holds(tile.key) ? 1 : 0;
+    return {};
+  }));
   return found == expected;
 }
 

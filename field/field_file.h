@@ -40,9 +40,6 @@ struct FoundTile {
 /// Without those that could not be found or read: a second attempt tells why.
 using FoundTiles = std::unordered_map<TileKey, FoundTile, TileKeyHash>;
 
-/// What is said of a field that cannot be written anew yet.
-inline constexpr const char* kSeveralStates = ": has several states, which cannot be copied yet";
-
 /// The open container of a field. A Field is a handle to one. The file is untrusted.
 /// Thread-safety: all const members may be called from many threads.
 class FieldFile {

@@ -213,10 +213,9 @@ OwnedJson Manifest::provenance_of(unsigned state) const {
 
 std::uint64_t Manifest::tiles(unsigned level) const {
   if (!part) return shape.tiles(level);
-  const TileOrder order(shape);
-  const TileKey begin = std::max(first_key(level), part->begin);
-  const TileKey end = std::min(first_key(level + 1), part->end);
-  return begin < end ? order.number(end) - order.number(begin) : 0;
+  const TileOrder order(one_state(shape));
+  const NumberRange own{order.number(part->begin), order.number(part->end)};
+  return shape.states * own.within(order.level(level)).count();
 }
 
 Result<Manifest> Manifest::parse(std::string_view text, const std::string& file) {
@@ -270,12 +269,17 @@ std::string first_difference(const Manifest& existing, const Manifest& expected)
       const OwnedJson dropped = std::move(from[member]);
       from.erase(member);
     };
-    for (const char* member : {"slf", "filtered_levels", "part"}) drop(*json, member);
-    drop((*json)["provenance"], by_content ? "source" : "content");
+    for (const char* member : {"slf", "required", "filtered_levels", "part"}) drop(*json, member);
+    const char* ignored = by_content ? "source" : "content";
+    drop((*json)["provenance"], ignored);
+    if (json->contains("states"))
+      for (nlohmann::json& state : (*json)["states"]) drop(state["provenance"], ignored);
     return json;
   };
   const OwnedJson patch = nlohmann::json::diff(*comparable(existing), *comparable(expected));
-  return patch->empty() ? "" : patch->at(0).value("path", "");
+  std::string path = patch->empty() ? "" : patch->at(0).value("path", "");
+  if (path.ends_with("/-")) path.resize(path.size() - 2);  // a further element of an array
+  return path;
 }
 
 }  // namespace slf

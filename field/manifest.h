@@ -31,7 +31,9 @@ struct Manifest {
     OwnedJson provenance;  ///< what differs from that of the first: a merge patch (RFC 7386)
   };
   std::vector<State> states;
-  std::optional<TileRange> part;  ///< the tiles of this file, if it is a part of a field
+  /// The tiles of this file, if it is a part of a field: of each state those with the keys that
+  /// these have in the first.
+  std::optional<TileRange> part;
 
   /// Whether the samples of a level are means of rays. If filtered_levels is absent, all levels but
   /// the finest are.
@@ -48,7 +50,8 @@ struct Manifest {
 
   /// Whether a tile belongs to the field, and to its part if this is one.
   [[nodiscard]] bool holds(TileKey key) const {
-    return shape.has(key) && (!part || (key >= part->begin && key < part->end));
+    const TileKey first = in_state(key, 0);
+    return shape.has(key) && (!part || (first >= part->begin && first < part->end));
   }
   /// The number of tiles of a level for which holds() is true.
   [[nodiscard]] std::uint64_t tiles(unsigned level) const;

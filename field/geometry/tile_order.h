@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "field/geometry/section.h"
+#include "field/geometry/tile_selection.h"
 #include "slf/shape.h"
 
 namespace slf {
@@ -56,6 +57,10 @@ class TileOrder {
   [[nodiscard]] std::uint64_t first_number(unsigned level) const {
     return level < first_.size() ? first_[level] : count_;
   }
+  /// The numbers of the tiles of a level.
+  [[nodiscard]] NumberRange level(unsigned level) const {
+    return {first_number(level), first_number(level + 1)};
+  }
 
   /// The number of the first tile whose key is not below `key`; count() if there is none.
   [[nodiscard]] std::uint64_t number(TileKey key) const {
@@ -80,5 +85,27 @@ class TileOrder {
   std::vector<std::uint64_t> first_;
   std::uint64_t count_ = 0;
 };
+
+/// The shape of one state. The numbers in its order are *positions* of the field, each with a tile
+/// in every state. Parts of a field are ranges of positions.
+[[nodiscard]] inline FieldShape one_state(FieldShape shape) {
+  shape.states = 1;
+  return shape;
+}
+
+/// Calls use(k, numbers) for each level, state and range k of positions, if there are any, in key
+/// order: `numbers` are those of the tiles there. REQUIRES: the ranges are ascending.
+template <class Ranges, class Use>
+void for_each_state(const FieldShape& shape, const Ranges& positions, const Use& use) {
+  const TileOrder order(one_state(shape));
+  for (unsigned level = 0; level <= shape.levels; ++level)
+    for (std::uint64_t state = 0; state < shape.states; ++state) {
+      const NumberRange all = order.level(level);
+      const std::uint64_t before = (shape.states - 1) * all.begin + state * all.count();
+      for (std::size_t k = 0; k < positions.size(); ++k)
+        if (const NumberRange own = positions[k].within(all); own.count() > 0)
+          use(k, NumberRange{before + own.begin, before + own.end});
+    }
+}
 
 }  // namespace slf

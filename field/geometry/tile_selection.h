@@ -12,6 +12,10 @@ struct NumberRange {
   std::uint64_t begin = 0;
   std::uint64_t end = 0;
   [[nodiscard]] std::uint64_t count() const { return end - begin; }
+  /// What of the range is in another one; it may be empty.
+  [[nodiscard]] NumberRange within(NumberRange other) const {
+    return {std::clamp(begin, other.begin, other.end), std::clamp(end, other.begin, other.end)};
+  }
   friend bool operator==(const NumberRange&, const NumberRange&) = default;
 };
 
@@ -42,7 +46,8 @@ class TileSelection {
 
   /// How many numbers are below `number`.
   [[nodiscard]] std::uint64_t rank(std::uint64_t number) const {
-    const auto behind = std::ranges::upper_bound(ranges_, number, {}, &NumberRange::begin);
+    const auto before = [](std::uint64_t n, const NumberRange& range) { return n < range.begin; };
+    const auto behind = std::upper_bound(ranges_.begin(), ranges_.end(), number, before);
     if (behind == ranges_.begin()) return 0;
     const auto range = behind - ranges_.begin() - 1;
     const NumberRange& at = ranges_[static_cast<std::size_t>(range)];

@@ -141,7 +141,7 @@ Result<std::shared_ptr<const FieldFile>> open_coarser(const Manifest& expected,
   };
   if (!predicts(expected))
     return refuse("is not needed: with this codec no tile is predicted from coarser ones");
-  auto field = SLF_TRY(FieldFile::open(options.coarser));
+  auto field = SLF_TRY(FieldFile::whole(options.coarser));
   if (const std::string differs = first_difference(field->manifest(), expected); !differs.empty())
     return refuse("was built with other settings (", differs, " differs)");
   const std::optional<TileRange> part = field->manifest().part;
@@ -162,9 +162,7 @@ std::uint64_t count_rays(const TileTracer& tracer, const TileOrder& order, const
   std::uint64_t rays = 0;
   for (const NumberRange& range : numbers.ranges())
     for (unsigned level = 0; level <= shape.levels; ++level) {
-      const NumberRange all{order.first_number(level), order.first_number(level + 1)};
-      const NumberRange part{std::clamp(all.begin, range.begin, range.end),
-                             std::clamp(all.end, range.begin, range.end)};
+      const NumberRange all = order.level(level), part = range.within(all);
       if (part == all && shape.subfields.empty()) {
         rays += shape.states * tracer.rays(level);
         continue;
@@ -180,21 +178,16 @@ struct EncodedTile {
   std::uint64_t back = 0;  ///< if it is the same as one of an earlier state: how many states back
 };
 
-/// The tiles that others are predicted from, or none. Workers read them while the writer replaces
-/// the file. A mutex guards it, because the load() of libstdc++ 12's atomic shared_ptr does not
-/// release.
-class CoarserTiles {
+/// The tiles of the file that is being written, or none. Workers read them while the writer
+/// replaces the file. A mutex guards it, because the load() of libstdc++ 12's atomic shared_ptr
+/// does not release.
+class WrittenTiles {
  public:
-  CoarserTiles(std::shared_ptr<const FieldFile> file) { set(std::move(file)); }
-
   [[nodiscard]] std::optional<TileReader> get() const {
     const std::lock_guard lock(mutex_);
     return tiles_;
   }
-  /// `file`: null for none.
-  void set(std::shared_ptr<const FieldFile> file) {
-    std::optional<TileReader> tiles;
-    if (file) tiles.emplace(Field::of(std::move(file)), TileReaderOptions{.memory = kCoarserBytes});
+  void set(std::optional<TileReader> tiles) {
     const std::lock_guard lock(mutex_);
     tiles_.swap(tiles);  // the last user of the old one closes it
   }
@@ -204,6 +197,12 @@ class CoarserTiles {
   std::optional<TileReader> tiles_;
 };
 
+/// Null: none.
+std::optional<TileReader> tiles_of(std::shared_ptr<const FieldFile> file) {
+  if (!file) return std::nullopt;
+  return TileReader(Field::of(std::move(file)), {.memory = kCoarserBytes});
+}
+
 /// The checked inputs of a build.
 struct BuildJob {
   const TileTracer& tracer;
@@ -211,19 +210,21 @@ struct BuildJob {
   const MissingTiles& missing;
   TileOrder order;
   unsigned threads;
-  CoarserTiles coarser;
   SameTiles& same;
-  /// Whether that is the file that is being written.
-  const bool reads_own_file;
+  const std::optional<TileReader> coarser;  ///< if another file has the coarser levels
+  const bool reads_own_file;                ///< to predict tiles
+  WrittenTiles written{};
 
   Result<EncodedTile> make(TileKey key, TracedTile& traced) const {
     EncodedTile encoded;
     SLF_TRY(tracer.trace(key, traced));
     encoded.back = SLF_TRY(same.find(traced));
     if (traced.empty || encoded.back > 0) return encoded;
-    const auto reader = coarser.get();
-    SLF_TRY(reader ? encode_tile(reader->cache(), key, traced.samples, encoded.payload)
-                   : codec.encode(tracer.shape(key), traced.samples, nullptr, encoded.payload));
+    const auto own = written.get();
+    const auto& from = coarser ? coarser : own;
+    const FieldFile* const earlier = own ? &own->field().file() : nullptr;
+    SLF_TRY(from ? encode_tile(from->cache(), earlier, key, traced.samples, encoded.payload)
+                 : codec.encode(tracer.shape(key), traced.samples, nullptr, encoded.payload));
     return encoded;
   }
 
@@ -243,11 +244,11 @@ struct BuildJob {
   /// Opens the file that is being written as of the last commit, if it is read, and was not opened
   /// for some commits.
   Result<void> follow(const FieldWriter& writer) {
-    const auto reader = coarser.get();
-    const auto read = [&] { return reader->field().file().store().transaction(); };
-    if (!reads_own_file || (reader && writer.transaction() < read() + kCommitsPerReader)) return {};
+    const auto own = written.get();
+    const auto read = [&] { return own->field().file().store().transaction(); };
+    if (!reads_own_file || (own && writer.transaction() < read() + kCommitsPerReader)) return {};
     auto opened = SLF_TRY(FieldFile::whole(writer.file()));
-    coarser.set(std::move(opened));
+    written.set(tiles_of(std::move(opened)));
     return {};
   }
 };
@@ -291,14 +292,14 @@ Result<void> write_levels(BuildJob& job, FieldWriter& writer, const std::string&
     if (job.reads_own_file) {
       end = job.end_of_part(begin);
       // While a reader is open, each of many commits would take new pages.
-      if (state_of(job.key(begin)) > 0) job.coarser.set(nullptr);
+      if (state_of(job.key(begin)) > 0) job.written.set({});
       SLF_TRY(writer.commit_level());
-      job.coarser.set(nullptr);  // it lacks the level or state before
+      job.written.set({});  // it lacks the level or state before
       SLF_TRY(job.follow(writer));
     }
     SLF_TRY(write_missing(job, begin, end, writer, path, options, progress));
   }
-  job.coarser.set(nullptr);
+  job.written.set({});
   return {};
 }
 
@@ -375,11 +376,9 @@ Result<BuildReport> build(const TileSource& source, Manifest manifest, const std
   const TileOrder order(manifest.shape);
   ShardOptions shard = options.shard;
   const auto coarser = SLF_TRY(open_coarser(manifest, shard));
-  const auto plan = SLF_TRY(plan_shard(source.tracer(manifest), order, manifest.shape, shard,
-                                       predicts(manifest) && !coarser));
+  const auto plan = SLF_TRY(
+      plan_shard(source.tracer(manifest), manifest.shape, shard, predicts(manifest) && !coarser));
   if (plan.part != all_keys(manifest.shape)) manifest.part = plan.part;
-  if (manifest.part && manifest.shape.states > 1)
-    return fail(ErrorCode::unsupported, path, ": a field of several states is not built in parts");
   std::optional<EarlierBuild> earlier;
   if (!source.read) earlier = SLF_TRY(find_earlier_build(output, plan.tiles, manifest));
 
@@ -420,15 +419,15 @@ Result<BuildReport> build(const TileSource& source, Manifest manifest, const std
                                   : FieldWriter::resume(output, earlier->transaction));
   if (earlier && !light.empty()) SLF_TRY(writer.put_light(light));
 
-  SameTiles same(tracer, order, manifest.shape.states);
+  SameTiles same(tracer, order, plan.tiles, manifest.shape.states);
   BuildJob job{tracer,
                *codec,
                missing,
                order,
                thread_count(options.threads),
-               coarser,
                same,
-               predicts(manifest) && !coarser};
+               tiles_of(coarser),
+               predicts(manifest) && (!coarser || manifest.shape.states > 1)};
   auto written = write_levels(job, writer, path, options, reporter);
   // What was written in place ends with an index even so.
   if (!written && written.error().code == ErrorCode::cancelled && earlier && earlier->in_place)
@@ -488,6 +487,8 @@ Result<RepackReport> join(std::span<const StateSource> states, const std::string
     if (rays_of(field) != rays_of(first))
       return fail(ErrorCode::usage, field.path(), ": has another sphere, lattice or format than ",
                   first.path());
+    if (field.manifest().part)
+      return fail(ErrorCode::usage, field.path(), ": is a part of a field; merge the parts first");
     caches.push_back(std::make_unique<TileCache>(
         field, options.memory / 3 / std::min<std::size_t>(8, states.size())));
     source.inputs.push_back(field.path());

@@ -12,21 +12,21 @@ namespace {
 /// How many states before a tile's own are searched for one to predict it from.
 constexpr std::uint64_t kSearchedStates = 64;
 
+static_assert(kMaxChain == 1, "what earlier_tiles() finds is predicted from coarser tiles alone");
+
 /// The tiles of earlier states that a tile may be predicted from: the latest one that is stored and
-/// at the end of no full chain, and that of the first state.
-Result<std::vector<TileKey>> earlier_tiles(const FieldFile& field, TileKey key) {
-  std::vector<TileKey> found;
-  if (!field.coder().uses_states()) return found;
+/// not predicted from another state itself, and that of the first state.
+Result<std::vector<storage::TileRef>> earlier_tiles(const FieldFile& field, TileKey key) {
+  std::vector<storage::TileRef> found;
   const std::uint64_t state = state_of(key);
   const auto add = [&](std::uint64_t earlier) -> Result<bool> {
-    const auto tile = SLF_TRY(field.store().find(in_state(key, earlier)));
+    auto tile = SLF_TRY(field.store().find(in_state(key, earlier)));
     if (tile.state != TileState::stored) return false;
     SLF_TRY(field.store().check(tile));
-    auto own = tile;
-    own.key = tile.source;
-    const unsigned chain = SLF_TRY(field.chain(own));
+    tile.key = tile.source;
+    const unsigned chain = SLF_TRY(field.chain(tile));
     if (chain >= kMaxChain) return false;
-    if (found.empty() || found.back() != tile.source) found.push_back(tile.source);
+    if (found.empty() || found.back().key != tile.key) found.push_back(tile);
     return true;
   };
   bool added = false;
@@ -36,23 +36,39 @@ Result<std::vector<TileKey>> earlier_tiles(const FieldFile& field, TileKey key) 
   return found;
 }
 
+/// Coarser tiles, loaded.
+struct Coarser {
+  std::vector<TileCache::Pin> pins;
+  std::vector<ReferenceSamples> samples;
+
+  [[nodiscard]] static Result<Coarser> load(TileCache& cache, std::span<const Reference> named) {
+    std::vector<TileKey> keys;
+    for (const Reference& reference : named) keys.push_back(reference.tile);
+    Coarser loaded;
+    loaded.pins = SLF_TRY(cache.load(keys));
+    for (std::size_t k = 0; k < keys.size(); ++k)
+      loaded.samples.push_back({named[k], loaded.pins[k].samples()});
+    return loaded;
+  }
+};
+
 }  // namespace
 
-Result<void> encode_tile(TileCache& coarser, TileKey key, ByteSpan samples, Bytes& payload) {
+Result<void> encode_tile(TileCache& coarser, const FieldFile* earlier, TileKey key,
+                         ByteSpan samples, Bytes& payload) {
   const TileCoder& coder = coarser.field().coder();
-  std::vector<TileKey> keys;
-  for (const Reference& reference : coder.choose(key, samples)) keys.push_back(reference.tile);
-  const auto pins = SLF_TRY(coarser.load(keys));
-  std::vector<ReferenceSamples> from;
-  for (std::size_t k = 0; k < keys.size(); ++k) from.push_back({{keys[k]}, pins[k].samples()});
-  SLF_TRY(coder.encode(key, samples, from, payload));
-  Bytes other;
-  const auto others = SLF_TRY(earlier_tiles(coarser.field(), key));
-  for (const TileKey earlier : others) {
-    const auto pin = SLF_TRY(coarser.load(earlier));
-    from.push_back({{earlier}, pin.samples()});
-    SLF_TRY(coder.encode(key, samples, from, other));
-    from.pop_back();
+  auto from = SLF_TRY(Coarser::load(coarser, coder.choose(key, samples)));
+  SLF_TRY(coder.encode(key, samples, from.samples, payload));
+  if (!coder.uses_states()) return {};
+  Bytes other, decoded(samples.size());
+  const auto others = SLF_TRY(earlier_tiles(*earlier, key));
+  for (const storage::TileRef& tile : others) {
+    const auto named = SLF_TRY(earlier->references(tile));
+    const auto below = SLF_TRY(Coarser::load(coarser, named));
+    SLF_TRY(earlier->decode(tile, below.samples, decoded));
+    from.samples.push_back({{tile.key}, decoded});
+    SLF_TRY(coder.encode(key, samples, from.samples, other));
+    from.samples.pop_back();
     if (other.size() < payload.size()) payload.swap(other);
   }
   return {};

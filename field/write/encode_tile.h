@@ -8,8 +8,9 @@ namespace slf {
 
 /// Encodes a tile for the field of `coarser`, as a difference from what the tiles of the next
 /// coarser level predict, or from the same tile of an earlier state, whichever takes fewer bytes.
-/// Errors of TileCache::load(). REQUIRES: the cache is of all states.
-[[nodiscard]] Result<void> encode_tile(TileCache& coarser, TileKey key, ByteSpan samples,
-                                       Bytes& payload);
+/// `earlier`, not null in a field of several states, has those; the rest of it need not be there.
+/// Errors of TileCache::load(). REQUIRES: both show all states.
+[[nodiscard]] Result<void> encode_tile(TileCache& coarser, const FieldFile* earlier, TileKey key,
+                                       ByteSpan samples, Bytes& payload);
 
 }  // namespace slf

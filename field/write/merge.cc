@@ -64,8 +64,12 @@ class Merger {
     std::uint64_t mapped = 0;
     const auto put = [&](std::uint64_t, const std::vector<TileRef>& tiles) -> Result<void> {
       for (const TileRef& tile : tiles) {
-        SLF_TRY(writer_.put_view(tile));
         ++report_.tiles;
+        if (tile.source != tile.key) {
+          SLF_TRY(writer_.put_same(tile.key, state_of(tile.key) - state_of(tile.source)));
+          continue;
+        }
+        SLF_TRY(writer_.put_view(tile));
         report_.payload_bytes += tile.payload.size();
         mapped += tile.payload.size();
       }
@@ -89,12 +93,13 @@ class Merger {
     for (const auto& found : part.find_all(keys)) {
       if (!found) return tl::unexpected(found.error());
       if (found->state == TileState::missing)
-        return fail(ErrorCode::failed, part.path(), ": tile ", int{found->key.level}, "/",
-                    found->key.index, " is missing");
+        return fail(ErrorCode::failed, part.path(), ": tile ", storage::name(found->key),
+                    " is missing");
       tiles.push_back(*found);
     }
     part.advise(tiles);
-    for (const TileRef& tile : tiles) SLF_TRY(part.check(tile));
+    for (const TileRef& tile : tiles)
+      if (tile.source == tile.key) SLF_TRY(part.check(tile));
     return tiles;
   }
 

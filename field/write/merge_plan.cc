@@ -27,13 +27,10 @@ unsigned filtered_levels(const Manifest& manifest) {
   return manifest.filtered_levels.value_or(manifest.shape.levels);
 }
 
-std::string name_of(TileKey key) {
-  return std::to_string(key.level) + "/" + std::to_string(key.index);
-}
-
 /// "tiles 1/0 to 1/1023".
 std::string name_of(const TileOrder& order, NumberRange tiles) {
-  return "tiles " + name_of(order.key(tiles.begin)) + " to " + name_of(order.key(tiles.end - 1));
+  return "tiles " + storage::name(order.key(tiles.begin)) + " to " +
+         storage::name(order.key(tiles.end - 1));
 }
 
 tl::unexpected<Error> unfinished(const std::string& path, const std::string& what) {
@@ -41,8 +38,7 @@ tl::unexpected<Error> unfinished(const std::string& path, const std::string& wha
               "; to complete it, run the command that builds it again");
 }
 
-/// The tiles that a field claims to hold, by their numbers in `order`, the order of the merged
-/// field.
+/// What a field claims to hold, as positions in `order`, that of the merged field.
 TileSelection coverage(const Manifest& manifest, const TileOrder& order) {
   const FieldShape& shape = manifest.shape;
   std::vector<std::uint8_t> subfields = shape.subfields;
@@ -69,9 +65,7 @@ Result<void> check_complete(const FieldFile& field) {
 }
 
 Result<Source> read_source(const std::string& path) {
-  auto field = FieldFile::open(path);
-  if (field && !(*field)->manifest().states.empty())
-    return fail(ErrorCode::unsupported, path, kSeveralStates);
+  auto field = FieldFile::whole(path);
   std::error_code ignored;
   if (!field && field.error().code == ErrorCode::not_found &&
       std::filesystem::exists(path + ".unfinished", ignored))
@@ -100,17 +94,17 @@ Result<void> check_same(const Source& first, const Source& other) {
   if (filtered_levels(first.manifest) != filtered_levels(other.manifest))
     return differ("/filtered_levels differs");
   if (const std::string place = first_difference(a, b); !place.empty())
-    return differ(place == "/provenance/content" ? "it was built from other data"
-                                                 : place + " differs");
+    return differ(place.ends_with("/provenance/content") ? "it was built from other data"
+                                                         : place + " differs");
+  // A repack that leaves out subfields, or levels of several states, encodes predicted tiles again.
+  // A shard's tiles were predicted from the original ones, not from those.
+  const FieldShape &shape = first.manifest.shape, &other_shape = other.manifest.shape;
+  const bool anew = shape.subfields != other_shape.subfields ||
+                    (shape.states > 1 && shape.levels != other_shape.levels);
+  if (codec::is_predictive(first.manifest.codec) && anew &&
+      (first.manifest.part || other.manifest.part))
+    return differ("one is a shard, the other was encoded anew by a repack; merge the shards first");
   if (first.tables != other.tables) return differ("the codec's tables differ");
-  // A repack that leaves out subfields encodes predicted tiles again. A shard's tiles were
-  // predicted from the original ones, not from those.
-  const bool anew = first.manifest.shape.subfields != other.manifest.shape.subfields;
-  const bool predicted = codec::is_predictive(first.manifest.codec);
-  if (predicted && anew && (first.manifest.part || other.manifest.part))
-    return differ(
-        "one is a shard, the other has subfields that a repack encoded anew; merge the "
-        "shards first");
   return {};
 }
 
@@ -131,7 +125,7 @@ FieldShape joined_shape(const std::vector<Source>& sources) {
   return shape;
 }
 
-/// The segments of all parts in key order. usage: two overlap.
+/// The segments of all parts, as positions in key order. usage: two overlap.
 Result<std::vector<MergeSegment>> join(const std::vector<Source>& sources, const TileOrder& order) {
   std::vector<MergeSegment> segments;
   for (std::size_t k = 0; k < sources.size(); ++k) {
@@ -158,7 +152,7 @@ Result<std::vector<MergeSegment>> join(const std::vector<Source>& sources, const
   return segments;
 }
 
-/// The ranges of tiles between and around the segments.
+/// The positions between and around the segments.
 std::vector<NumberRange> gaps(const std::vector<MergeSegment>& segments, const TileOrder& order) {
   std::vector<NumberRange> missing;
   std::uint64_t due = 0;
@@ -191,26 +185,29 @@ Result<MergePlan> plan_merge(const std::vector<std::string>& paths, bool part) {
   }
   MergePlan plan;
   const FieldShape shape = joined_shape(sources);
-  const TileOrder order(shape);
-  auto segments = SLF_TRY(join(sources, order));
-  plan.segments = std::move(segments);
-  if (plan.segments.empty()) return fail(ErrorCode::usage, "the parts hold no tiles");
+  const TileOrder order(one_state(shape));
+  const auto segments = SLF_TRY(join(sources, order));
+  if (segments.empty()) return fail(ErrorCode::usage, "the parts hold no tiles");
+  std::vector<NumberRange> positions(segments.size());
+  std::ranges::transform(segments, positions.begin(), &MergeSegment::tiles);
+  for_each_state(shape, positions, [&](std::size_t k, NumberRange tiles) {
+    plan.segments.push_back({tiles, segments[k].source});
+  });
 
   // The output must not depend on the order in which the parts are given.
-  Source& first = sources[plan.segments.front().source];
+  Source& first = sources[segments.front().source];
   plan.manifest = first.manifest;
   plan.manifest.shape = shape;
   plan.manifest.filtered_levels = filtered_levels(first.manifest);
   plan.manifest.part.reset();
   plan.tables = std::move(first.tables);
-  for (const MergeSegment& segment : plan.segments)
+  for (const MergeSegment& segment : segments)
     if (plan.light.empty()) plan.light = sources[segment.source].light;
   for (const Source& source : sources) plan.commits.push_back(source.commit);
 
-  const std::vector<NumberRange> left_out = gaps(plan.segments, order);
+  const std::vector<NumberRange> left_out = gaps(segments, order);
   if (left_out.empty()) return plan;
-  const std::uint64_t begin = plan.segments.front().tiles.begin;
-  const std::uint64_t end = plan.segments.back().tiles.end;
+  const std::uint64_t begin = segments.front().tiles.begin, end = segments.back().tiles.end;
   const bool inside = std::ranges::any_of(
       left_out, [&](const NumberRange& gap) { return gap.begin > begin && gap.end < end; });
   if (!part || inside) return missing(left_out, order);

@@ -43,7 +43,7 @@ Result<RecodedTile> recode(TileCache& tiles, TileCache* coarser, const RepackPla
   if (!ok && ok.error().code == ErrorCode::tile_missing)  // it is predicted from that
     return RecodedTile{};
   if (ok)
-    ok = coarser ? encode_tile(*coarser, key, samples, tile.payload)
+    ok = coarser ? encode_tile(*coarser, nullptr, key, samples, tile.payload)
                  : plan.codec->encode(plan.tile_shape(field, key), samples, nullptr, tile.payload);
   if (!ok) return tl::unexpected(ok.error());
   return tile;

@@ -21,13 +21,13 @@ SameTiles::Hash SameTiles::remember(const TracedTile& tile) {
   const XXH128_hash_t found = XXH3_128bits(tile.samples.data(), tile.samples.size());
   const Hash hash = tile.empty ? Hash{0, 1} : Hash{found.low64 | 1, found.high64};
   const std::lock_guard lock(mutex_);
-  return hashes_[order_.number(tile.key)] = hash;
+  return this->hash(tile.key) = hash;
 }
 
 Result<SameTiles::Hash> SameTiles::hash_of(TileKey key) {
   {
     const std::lock_guard lock(mutex_);
-    if (const Hash& known = hashes_[order_.number(key)]; known != Hash{}) return known;
+    if (const Hash& known = hash(key); known != Hash{}) return known;
   }
   TracedTile tile;
   SLF_TRY(tracer_.trace(key, tile));

@@ -10,8 +10,8 @@ namespace {
 /// Wide enough for the rays of all tiles times a number of shards.
 __extension__ using Wide = unsigned __int128;
 
-/// The tiles of a shard. It begins at the first tile that has at least (index - 1) / count of all
-/// rays before it, and ends before the first tile that has at least index / count before it.
+/// The positions of a shard. It begins at the first that has at least (index - 1) / count of all
+/// rays before it, and ends before the first that has at least index / count before it.
 NumberRange cut(const TileTracer& tracer, const TileOrder& order, NumberRange all,
                 const ShardOptions& options) {
   if (options.count == 1) return all;
@@ -31,8 +31,8 @@ NumberRange cut(const TileTracer& tracer, const TileOrder& order, NumberRange al
   return shard;
 }
 
-/// The tiles from which those of a part may be predicted: on each level, all tiles of certain entry
-/// sections.
+/// The positions of tiles from which those of a part may be predicted: on each level, those of
+/// certain entry sections.
 class NeededTiles {
  public:
   NeededTiles(const TileTracer& tracer, const TileOrder& order, const FieldShape& shape,
@@ -50,25 +50,20 @@ class NeededTiles {
     }
   }
 
-  /// These tiles and those of the part.
+  /// These and those of the part.
   [[nodiscard]] TileSelection with_part() const {
     TileSelection tiles;
     for (unsigned level = 0; level <= shape_.levels; ++level) {
-      const NumberRange all = level_range(level);
+      const NumberRange all = order_.level(level);
       const bool some = std::ranges::find(entered_[level], true) != entered_[level].end();
       for (std::uint64_t n = all.begin; some && n < all.end; ++n)
         if (in_part(n) || entered_[level][entry_of(n)]) tiles.add({n, n + 1});
-      const NumberRange own{std::clamp(part_.begin, all.begin, all.end),
-                            std::clamp(part_.end, all.begin, all.end)};
-      if (!some) tiles.add(own);
+      if (!some) tiles.add(part_.within(all));
     }
     return tiles;
   }
 
  private:
-  [[nodiscard]] NumberRange level_range(unsigned level) const {
-    return {order_.first_number(level), order_.first_number(level + 1)};
-  }
   [[nodiscard]] bool in_part(std::uint64_t n) const { return n >= part_.begin && n < part_.end; }
   [[nodiscard]] std::uint32_t entry_of(std::uint64_t n) const {
     return sections_of(order_.key(n), shape_.entry_extra_levels).entry.index;
@@ -78,9 +73,8 @@ class NeededTiles {
   [[nodiscard]] std::vector<bool> entries(unsigned level) const {
     std::vector<bool> found = entered_[level];
     found.resize(section_count(level + shape_.entry_extra_levels));
-    const NumberRange all = level_range(level);
-    for (std::uint64_t n = std::max(all.begin, part_.begin); n < std::min(all.end, part_.end); ++n)
-      found[entry_of(n)] = true;
+    const NumberRange own = part_.within(order_.level(level));
+    for (std::uint64_t n = own.begin; n < own.end; ++n) found[entry_of(n)] = true;
     return found;
   }
 
@@ -92,8 +86,8 @@ class NeededTiles {
 
 }  // namespace
 
-Result<ShardPlan> plan_shard(const TileTracer& tracer, const TileOrder& order,
-                             const FieldShape& shape, const ShardOptions& options, bool predicted) {
+Result<ShardPlan> plan_shard(const TileTracer& tracer, const FieldShape& shape,
+                             const ShardOptions& options, bool predicted) {
   if (options.count == 0 || options.index == 0 || options.index > options.count)
     return fail(ErrorCode::usage, "shard ", options.index, "/", options.count,
                 ": expected K/N with K from 1 to N");
@@ -102,14 +96,18 @@ Result<ShardPlan> plan_shard(const TileTracer& tracer, const TileOrder& order,
   if (first > last || last > shape.levels)
     return fail(ErrorCode::usage, "levels ", first, " to ", last, ": the field has levels 0 to ",
                 shape.levels);
+  const TileOrder order(one_state(shape));
   const NumberRange levels{order.first_number(first), order.first_number(last + 1)};
   const NumberRange part = cut(tracer, order, levels, options);
   ShardPlan plan;
   plan.part = {order.key_or_end(part.begin), order.key_or_end(part.end)};
+  TileSelection positions;
   if (predicted)
-    plan.tiles = NeededTiles(tracer, order, shape, part).with_part();
+    positions = NeededTiles(tracer, order, shape, part).with_part();
   else
-    plan.tiles.add(part);
+    positions.add(part);
+  for_each_state(shape, positions.ranges(),
+                 [&](std::size_t, NumberRange numbers) { plan.tiles.add(numbers); });
   return plan;
 }
 

@@ -19,10 +19,11 @@ namespace slf {
 
 /// Which part of a field a build makes. All parts have the same codec tables. merge_fields() joins
 /// them to one field: its tiles have the same bytes as if one build had made it, and its file those
-/// of a repack of that.
+/// of a merge of that alone.
 struct ShardOptions {
   /// The tiles in key order are cut into `count` ranges with about equally many rays; the build
-  /// makes range `index`, from 1. Counts can be mixed: 1/2 has the tiles of 1/4 and 2/4.
+  /// makes range `index`, from 1. Counts can be mixed: 1/2 has the tiles of 1/4 and 2/4. Of several
+  /// states, it makes the same range of each.
   std::uint32_t index = 1;
   std::uint32_t count = 1;
   /// Only tiles of these levels; none: all.
@@ -82,9 +83,8 @@ struct FieldState {
                                               const ProgressCallback& progress = {});
 
 /// The same with several states on one sphere, by default that around the first. Tiles whose
-/// samples equal those of the same tile of an earlier state are stored once. Keeps 16 bytes of each
-/// tile of the field in memory. unsupported: a shard. usage: no state, a state without a name, two
-/// with one.
+/// samples equal those of the same tile of an earlier state are stored once. Keeps 16 bytes in
+/// memory of each tile that is to be built. usage: no state, a state without a name, two with one.
 [[nodiscard]] Result<BuildReport> build_field(std::span<const FieldState> states,
                                               const std::string& path, const BuildOptions& options,
                                               const ProgressCallback& progress = {});

@@ -58,7 +58,7 @@ class Field {
   /// Whether samples have depths beside their colours.
   [[nodiscard]] bool has_depth() const { return slf::has_depth(format()); }
   /// If this file is one part of a field that is built in several (build.h): the tiles of that
-  /// part.
+  /// part, of each state by their keys in the first.
   [[nodiscard]] std::optional<TileRange> part() const;
   /// The names of the states: variants of the object on one sphere; none if there is just one.
   [[nodiscard]] std::vector<std::string> states() const;

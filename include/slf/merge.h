@@ -27,14 +27,14 @@ struct MergeReport {
 };
 
 /// Writes to `path` the field that `parts`, in any order, make up together. All parts have the same
-/// settings, source and codec tables. Each is a shard (Field::part()), has levels 0 to some level,
-/// or has some of the subfields. A shard may also store tiles outside its part; they are not
+/// settings, source, states and codec tables. Each is a shard (Field::part()), has levels 0 to some
+/// level, or has some of the subfields. A shard may also store tiles outside its part; they are not
 /// merged. Progress counts tiles. The bytes depend neither on the order of the parts nor on the
 /// threads.
 ///
-/// When repack_field() cuts subfields out of a predictive field, it encodes their tiles again. A
-/// merge of such subfields has these tiles, not those of the original field; it cannot include
-/// shards.
+/// When repack_field() cuts subfields out of a predictive field, or join_states() levels, it
+/// encodes their tiles again. A merge of such fields has these tiles, not those of the original
+/// field; it cannot include shards.
 ///
 /// All parts are opened and compared before the output is created.
 /// usage: no parts; two parts hold the same tiles, a part has other settings or tables than the

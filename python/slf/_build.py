@@ -76,6 +76,9 @@ def build(source: Any, out: Path, *, entry: int = 8, exit: int = 32, finest_leve
             changed = {key: value for key, value in state.items()
                        if key not in ("name", "light_from")}
             own: Any = {"source": source, **settings, **changed}
+            if own.get("light_file"):
+                own["light_file"] = path_text(own["light_file"]).replace(
+                    "{state}", name.replace("/", "_"))
             scene = stack.enter_context(scene_of(own.pop("source"), linear=half, folder=folder,
                                                  threads=threads, sphere=whole, **own))
             if lit_by is not None:

@@ -51,7 +51,8 @@ class SourceSettings(TypedDict, total=False):
     environment: _Path | None
     """Picture of the surroundings, which light comes from."""
     light_file: _Path | None
-    """Keeps the light, for builds that differ in the field's shape only."""
+    """Keeps the light, for shards, and for builds that differ in the field's shape only. {state} in
+    its name stands for the name of each state."""
     component: int | None
     time: int | None
     array: str | None

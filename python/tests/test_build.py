@@ -631,6 +631,16 @@ def test_states_of_one_light(tmp_path):
     assert "light_of" in cut.provenance
     assert cut.content().payload_bytes < cut.in_state("whole").content().payload_bytes / 2
     assert cut.evaluate(ball, 2).psnr > 15
+    for k in (1, 2):
+        slf.build(ball, tmp_path / f"{k}.slf", **SMALL, **light, states=states, shard=(k, 2),
+                  light_file=tmp_path / "{state}.light").close()
+    assert [path.name for path in tmp_path.glob("*.light")] == ["whole.light"]
+    slf.merge([tmp_path / "2.slf", tmp_path / "1.slf"], tmp_path / "merged.slf")
+    for name in ("whole", "cut"):
+        difference = slf.diff(slf.open(tmp_path / "merged.slf", state=name), cut.in_state(name))
+        assert difference.comparable and all(c.differing == 0 for c in difference.channels)
+    with pytest.raises(slf.UsageError, match="no part holds tiles"):
+        slf.merge([tmp_path / "1.slf"], tmp_path / "x.slf")
     states[1]["light_from"] = "hole"
     with pytest.raises(slf.UsageError, match="no earlier state is named 'hole'"):
         slf.build(ball, tmp_path / "b.slf", **SMALL, **light, states=states)

@@ -140,7 +140,7 @@ TEST_P(Killed, ABuildKeepsWhatItCommittedAndEndsTheSame) {
   EXPECT_TRUE(tiles_of(path) == whole);
 }
 
-// States of one light, of which a part is computed again after each kill.
+// States of one light, of which a part is computed again after each kill; whole, and in shards.
 TEST(KilledStates, ABuildEndsWithTheBytesOfOneThatWasNot) {
   Workplace place;
   std::string voxels;
@@ -152,10 +152,12 @@ TEST(KilledStates, ABuildEndsWithTheBytesOfOneThatWasNot) {
   testing::write_text(place / "s.json", R"({"states": [{"name": "whole"},
       {"name": "cut", "clip": [[6, 6, 7, 0, 0, 1]], "light-from": "whole"},
       {"name": "deep", "clip": [[6, 6, 5, 0, 0, 1]], "light-from": "whole"}]})");
-  const auto build = [&](const std::string& output) -> Arguments {
+  const auto build = [&](const std::string& output, const std::string& shard = "1/1") -> Arguments {
     return {"-q",
             "build",
             place / "v.raw",
+            "--shard",
+            shard,
             "--dims",
             "12x12x12",
             "--type",
@@ -205,6 +207,15 @@ TEST(KilledStates, ABuildEndsWithTheBytesOfOneThatWasNot) {
   }
   EXPECT_GE(kills, kKills / 3);
   EXPECT_GT(ends, 0);
+  const Arguments parts{place / "1.slf", place / "2.slf"};
+  Moments moments_of_shards(build(place / "x.slf", "1/2"));
+  kills = 0;
+  for (std::size_t k = 0; k < 2; ++k)
+    while (!std::filesystem::exists(parts[k]))
+      kills += !run(build(parts[k], std::to_string(k + 1) + "/2"), moments_of_shards.next());
+  EXPECT_GT(kills, 0);
+  EXPECT_EQ(run(join({"-q", "merge", "-o", path}, parts)), 0);
+  EXPECT_TRUE(states_of(path) == whole) << "after " << kills << " kills";
 }
 
 TEST_P(Killed, ARepackLeavesNoFieldOrAWholeOne) {

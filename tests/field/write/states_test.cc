@@ -6,6 +6,7 @@
 #include "field/field_file.h"
 #include "slf/build.h"
 #include "slf/inspect.h"
+#include "slf/merge.h"
 #include "slf/render.h"
 #include "slf/repack.h"
 #include "slf/verify.h"
@@ -47,10 +48,11 @@ class States : public ::testing::TestWithParam<const char*> {
     BuildOptions options;
     options.shape.entry_side = 2;
     options.shape.exit_side = 4;
-    options.shape.levels = 1;
+    options.shape.levels = levels_;
     options.codec = GetParam();
     return options;
   }
+  [[nodiscard]] bool predicts() const { return options().codec.starts_with("predictive"); }
   std::string path(const std::string& name) const { return folder_ / name; }
   std::string build_all(const std::string& name = "all.slf") const {
     const auto report = build_field(states_, path(name), options());
@@ -66,6 +68,41 @@ class States : public ::testing::TestWithParam<const char*> {
     return std::move(*image);
   }
 
+  /// Builds a part, and returns its path.
+  std::string part(const std::string& name, const ShardOptions& shard) const {
+    BuildOptions some = options();
+    some.shard = shard;
+    const auto report = build_field(states_, path(name), some);
+    EXPECT_TRUE(report) << report.error().message;
+    const auto verified = verify_field(path(name), {});
+    EXPECT_TRUE(verified && verified->found == 0 && verified->complete) << name;
+    return path(name);
+  }
+  std::string shard(std::uint32_t k, std::uint32_t n, const std::string& coarser = "") const {
+    return part(std::to_string(k) + "-of-" + std::to_string(n), {k, n, {}, {}, coarser});
+  }
+  std::string levels(unsigned first, unsigned last, const std::string& name) const {
+    return part(name, {1, 1, first, last, {}});
+  }
+  /// The bytes of the merged parts.
+  std::string merge(const std::vector<std::string>& parts) const {
+    MergeOptions options;
+    options.replace = true;
+    const auto merged = merge_fields(parts, path("merged.slf"), options);
+    EXPECT_TRUE(merged) << merged.error().message;
+    const auto verified = verify_field(path("merged.slf"), {});
+    EXPECT_TRUE(verified && verified->found == 0 && verified->complete);
+    return read_text(path("merged.slf"));
+  }
+  void expect_refused(const std::vector<std::string>& parts, const std::string& says,
+                      ErrorCode code = ErrorCode::usage) const {
+    const auto merged = merge_fields(parts, path("refused.slf"), {});
+    ASSERT_FALSE(merged) << says;
+    EXPECT_EQ(merged.error().code, code);
+    EXPECT_THAT(merged.error().message, HasSubstr(says));
+  }
+
+  unsigned levels_ = 1;
   TemporaryFolder folder_;
   Ball whole_{1}, cut_{0.3}, deep_{-0.2}, again_{0.3}, red_{0.3, 0.5f};
   std::vector<FieldState> states_{
@@ -210,6 +247,138 @@ TEST_P(States, AnInterruptedBuildEndsWithTheSameBytes) {
   }
 }
 
+std::map<TileKey, std::pair<TileKey, std::string>> tiles_of(const std::string& path) {
+  std::map<TileKey, std::pair<TileKey, std::string>> tiles;
+  const auto field = FieldFile::whole(path);
+  EXPECT_TRUE(field) << field.error().message;
+  const auto add = [&](const storage::TileRef& tile) -> Result<void> {
+    const auto* bytes = reinterpret_cast<const char*>(tile.payload.data());
+    tiles[tile.key] = {tile.source, {bytes, tile.payload.size()}};
+    return {};
+  };
+  EXPECT_TRUE((*field)->store().visit({0, 0}, {255, 0}, add));
+  return tiles;
+}
+
+TEST_P(States, PartsMergeToTheFieldOfOneBuild) {
+  levels_ = 2;
+  const auto all = tiles_of(build_all());
+  const std::string expected = merge({path("all.slf")});
+  EXPECT_TRUE(tiles_of(path("merged.slf")) == all);
+  for (const std::uint32_t n : {1u, 3u, 8u}) {
+    std::vector<std::string> parts;
+    for (std::uint32_t k = n; k > 0; --k) parts.push_back(shard(k, n));
+    EXPECT_TRUE(merge(parts) == expected) << n;
+    // Of each state, a part has the same tiles.
+    std::map<std::uint64_t, std::uint64_t> count;
+    for (const auto& [key, tile] : tiles_of(parts.front())) ++count[state_of(key)];
+    EXPECT_EQ(count.size(), states_.size());
+    for (const auto& [state, tiles] : count) EXPECT_EQ(tiles, count[0]) << state;
+  }
+  // Each part as two halves.
+  EXPECT_TRUE(merge({shard(1, 3), shard(5, 6), shard(2, 3), shard(6, 6)}) == expected);
+}
+
+TEST_P(States, CoarserLevelsOfAllStatesAreBuiltOnce) {
+  levels_ = 2;
+  build_all();
+  const std::string expected = merge({path("all.slf")});
+  const std::string zero = levels(0, 0, "zero"), both = levels(0, 1, "both");
+  if (!predicts()) {
+    EXPECT_TRUE(merge({levels(2, 2, "two"), both}) == expected);
+    return;
+  }
+  std::vector<std::string> parts{both};
+  std::size_t tiles = 0;
+  for (const std::uint32_t k : {1u, 2u, 3u}) {
+    parts.push_back(shard(k, 3, both));
+    tiles += tiles_of(parts.back()).size();
+  }
+  EXPECT_EQ(tiles, states_.size() * tile_count(2, 0));  // none is in two of them
+  EXPECT_TRUE(merge(parts) == expected);
+  // A finer level is predicted from coarser ones that were merged, too.
+  MergeOptions partly;
+  partly.part = true;
+  ASSERT_TRUE(merge_fields({shard(1, 2, zero), zero, shard(2, 2, zero)}, path("ones"), partly));
+  ASSERT_TRUE(merge_fields({both}, path("twos"), partly));
+  EXPECT_TRUE(read_text(path("ones")) == read_text(path("twos")));
+}
+
+TEST_P(States, AnInterruptedPartEndsWithTheSameTiles) {
+  levels_ = 2;
+  const std::string coarse = predicts() ? levels(0, 1, "coarse") : "";
+  for (const std::string& coarser : {std::string(), coarse}) {
+    const auto expected = tiles_of(shard(2, 3, coarser));
+    BuildOptions often = options();
+    often.commit_seconds = 0;
+    often.shard = {2, 3, {}, {}, coarser};
+    for (const int stop : {9, 300, 2000, 2500}) {
+      int reports = 0;
+      EXPECT_FALSE(build_field(states_, path("stopped"), often,
+                               [&](const Progress&) { return ++reports < stop; }));
+    }
+    expect_refused({path("stopped")}, "stopped: is not finished", ErrorCode::failed);
+    EXPECT_GT(build_field(states_, path("stopped"), often)->resumed, 0u);
+    EXPECT_TRUE(tiles_of(path("stopped")) == expected);
+    // What is lost of it, the same build fills.
+    const auto last = expected.rbegin()->first;
+    {
+      auto writer = storage::TileWriter::resume(path("stopped"));
+      ASSERT_TRUE(writer);
+      ASSERT_TRUE(writer->replace(last, TileState::missing, {}));
+      ASSERT_TRUE(writer->close());
+    }
+    expect_refused({path("stopped")}, "were not built, or were dropped", ErrorCode::failed);
+    EXPECT_EQ(build_field(states_, path("stopped"), often)->tiles, 1u);
+    EXPECT_TRUE(tiles_of(path("stopped")) == expected);
+    std::filesystem::remove(path("stopped"));
+    std::filesystem::remove(path("2-of-3"));
+  }
+}
+
+TEST_P(States, PartsOfOtherFieldsAreRefusedByName) {
+  const std::string one = shard(1, 3), two = shard(2, 3);
+  expect_refused({one, two}, "no part holds tiles 1/");
+  expect_refused({one, two, one}, "1-of-3: is given twice");
+  expect_refused({one, shard(1, 2)}, "both hold tiles 0/0 to ");
+  const auto states = states_;
+  const auto refused = [&](const std::string& says) {
+    expect_refused({one, two, shard(3, 3)},
+                   "3-of-3: is not of the same field as " + one + ": " + says);
+    std::filesystem::remove(path("3-of-3"));
+    states_ = states;
+  };
+  states_.pop_back();
+  refused("/states/4 differs");
+  states_.push_back({"more", &deep_});
+  refused("/states differs");
+  states_.resize(1);
+  refused("/states differs");
+  states_[2].name = "other";
+  refused("/states/2/name differs");
+  states_[2].scene = &red_;
+  refused("/states/2/provenance/top differs");
+  std::swap(states_[1], states_[2]);
+  refused("/states/1/name differs");
+  if (!predicts()) return;
+  BuildOptions other = options();
+  other.shard = {2, 3, {}, {}, levels(0, 0, "coarse")};
+  states_[2].name = "other";
+  const auto built = build_field(states_, path("x"), other);
+  ASSERT_FALSE(built);
+  EXPECT_THAT(built.error().message, HasSubstr("/states/2/name differs"));
+  // Tiles that a repack encoded again predict no others.
+  build_all();
+  RepackOptions coarse;
+  coarse.levels = 0;
+  std::vector<StateSource> chosen;
+  for (unsigned s = 0; s < states.size(); ++s)
+    chosen.push_back({states[s].name, *Field::open(path("all.slf"))->in_state(s)});
+  ASSERT_TRUE(join_states(chosen, path("again"), coarse));
+  states_ = states;
+  expect_refused({levels(1, 1, "fine"), path("again")}, "encoded anew");
+}
+
 TEST_P(States, ALostTileIsMissingInAllStatesThatShareIt) {
   const std::string file = build_all();
   TileKey shared, source;
@@ -287,12 +456,9 @@ TEST_P(States, AreCopiedTogetherAndAlone) {
   EXPECT_EQ(join_states(unlike, path("no.slf"), {}).error().code, ErrorCode::usage);
 }
 
-TEST_P(States, WhatCannotCopyThemSaysSo) {
+TEST_P(States, WhatTheyAreNotIsSaid) {
   const auto field = Field::open(build_all());
   ASSERT_TRUE(field);
-  BuildOptions shard = options();
-  shard.shard = {1, 2, {}, {}, {}};
-  EXPECT_EQ(build_field(states_, path("p.slf"), shard).error().code, ErrorCode::unsupported);
   EXPECT_EQ(field->in_state(5).error().code, ErrorCode::usage);
   EXPECT_THAT(field->in_state("none").error().message, HasSubstr("whole, cut, deep, again, red"));
   EXPECT_EQ(field->in_state("deep")->state(), 2u);
