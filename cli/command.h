@@ -349,18 +349,12 @@ Result<T> hinted(Result<T> result) {
   return result;
 }
 
-struct MadeState {
-  std::string name;
-  std::shared_ptr<const Scene> scene;
-};
-/// A state for each structure of a label volume, which shows it alone, under one light of all.
-[[nodiscard]] Result<std::vector<MadeState>> make_label_states(const SourceArguments& common);
 /// The states that a JSON file lists (schemas/states.json): scenes with the `common` options, but
 /// for those of each state. With a name `last`, just the first one, the one of this name as the
 /// last, and what that needs. Messages name the file and the state.
-[[nodiscard]] Result<std::vector<MadeState>> make_states(const std::string& file,
-                                                         const SourceArguments& common,
-                                                         const std::string& last = {});
+[[nodiscard]] Result<std::vector<NamedScene>> make_states(const std::string& file,
+                                                          const SourceArguments& common,
+                                                          const std::string& last = {});
 
 /// The options that choose the part of a field to build.
 struct ShardArguments {

@@ -281,6 +281,7 @@ Result<std::vector<LabelGroup>> label_groups(const SceneDescription& d) {
     const auto same = std::ranges::find(groups, name, &LabelGroup::name);
     (same != groups.end() ? *same : groups.emplace_back(LabelGroup{name, {}})).ids.push_back(id);
   }
+  if (groups.empty()) return fail(ErrorCode::usage, labels.source, ": no label of it is visible");
   return groups;
 }
 
@@ -312,6 +313,30 @@ Result<std::unique_ptr<Scene>> make_scene(const SceneDescription& d) {
   if (!d.volume && d.is_pictures()) return picture_scene(d);
   if (!d.volume && is_mesh_name(d.input)) return mesh_scene(d);
   return volume_scene(d);
+}
+
+Result<std::vector<NamedScene>> make_label_scenes(SceneDescription d) {
+  if (!d.volume && !d.labels_volume) {
+    if (d.check) SLF_TRY(d.check(d.files()));
+    auto volume = SLF_TRY(read_volume(d));
+    note_all(d, volume.source, std::exchange(volume.notes, {}));
+    volume.share();
+    d.volume = std::make_shared<const Volume>(std::move(volume));
+  }
+  std::vector<NamedScene> made;
+  const auto groups = SLF_TRY(label_groups(d));
+  for (const LabelGroup& group : groups) {
+    d.only_labels = group.ids;
+    std::shared_ptr<const Scene> scene = SLF_TRY(make_scene(d));
+    if (made.empty()) {
+      SLF_TRY(scene->prepare());
+      d.on_note = {};
+    } else if (const auto light = made[0].scene->light(); !light.empty()) {
+      (void)scene->set_light(light);
+    }
+    made.push_back({group.name, std::move(scene)});
+  }
+  return made;
 }
 
 }  // namespace slf

@@ -14,7 +14,7 @@ from ._field import (AnyCamera, Field, Path, Size, camera_tuple, check_dtype, fi
 from ._errors import UsageError
 from ._progress import Progress, reporter
 from ._rays import Function, Scene
-from ._source import Settings, scene_of
+from ._source import Settings, scenes_of
 from ._types import Picture, Sphere, finite, orbit, point
 
 
@@ -22,7 +22,7 @@ def build(source: Any, out: Path, *, entry: int = 8, exit: int = 32, finest_leve
           entry_extra_levels: int = 0, codec: str = "predictive:90",
           depth: bool = True, color_type: str = "u8",
           center: Sequence[float] | None = None, radius: float | None = None,
-          states: Sequence[Mapping[str, Any]] = (), shard: tuple[int, int] = (1, 1),
+          states: Sequence[Mapping[str, Any]] = (), each_label: bool = False, shard: tuple[int, int] = (1, 1),
           only_levels: tuple[int | None, int | None] = (None, None), coarser: Path = "",
           threads: int = 0, commit_every: float = 5,
           force: bool = False, progress: Progress = None, **settings: Unpack[Settings]) -> Field:
@@ -49,6 +49,8 @@ def build(source: Any, out: Path, *, entry: int = 8, exit: int = 32, finest_leve
     states: variants of the object, for one field: for each {"name": ..., other settings}, which are
         taken before those of this call; "source": another source; "light_from": the name of an
         earlier state that differs by `clip` or structures and whose light this one has.
+    each_label: a state for each label of the volume, or of `labels=`; those of one name are one.
+        The field is drawn with all of them, or with some: Field.render(structures=...).
     shard: (k, n), the k-th of n parts, from 1, for slf.merge().
     only_levels, coarser: as --only-levels and --coarser of `slf build`.
     threads: 0: all.  commit_every: seconds between commits, which a kill can lose.
@@ -69,28 +71,28 @@ def build(source: Any, out: Path, *, entry: int = 8, exit: int = 32, finest_leve
     folder = os.path.dirname(path) or None
     finite("commit_every", commit_every)
     whole = None if center is None or radius is None else Sphere(point(center), float(radius))
-    with contextlib.ExitStack() as stack:
+    if states and each_label:
+        raise UsageError("each_label makes states itself, without states=")
+    with contextlib.ExitStack() as stack, reporter(progress, "build") as report:
         scenes: list[tuple[str, _slf.Scene]] = []
-        for state in states or ({"name": ""},):
-            name, lit_by = state.get("name", ""), state.get("light_from")
-            changed = {key: value for key, value in state.items()
-                       if key not in ("name", "light_from")}
+        for state in states or ({},):
+            changed = dict(state)
+            name, lit_by = changed.pop("name", ""), changed.pop("light_from", None)
             own: Any = {"source": source, **settings, **changed}
-            scene = stack.enter_context(scene_of(own.pop("source"), linear=half, folder=folder,
-                                                 threads=threads, sphere=whole, **own))
+            made = scenes_of(stack, own.pop("source"), linear=half, folder=folder, threads=threads,
+                             sphere=whole, each_label=each_label, report=report, **own)
             if lit_by is not None:
                 if lit_by not in dict(scenes):
                     raise UsageError(f"light_from: no earlier state is named {lit_by!r}")
-                scene.share_light(dict(scenes)[lit_by])
-            scenes.append((name, scene))
+                made[0][1].share_light(dict(scenes)[lit_by])
+            scenes += made if each_label else [(name, made[0][1])]
         bounds = scenes[0][1].bounds
         sphere = Sphere(bounds.center if center is None else point(center),
                         bounds.radius if radius is None else float(radius))
         finite("center and radius", (*sphere.center, sphere.radius))
-        with reporter(progress, "build") as report:
-            built = _slf.build(scenes, path, sphere, entry, exit, finest_level, entry_extra_levels,
-                               codec, depth, half, threads, float(commit_every), force, shard,
-                               only_levels, path_text(coarser), report)
+        built = _slf.build(scenes, path, sphere, entry, exit, finest_level, entry_extra_levels,
+                           codec, depth, half, threads, float(commit_every), force, shard,
+                           only_levels, path_text(coarser), report)
     field = Field(path, threads=threads)
     field.build_report = built
     return field
@@ -118,9 +120,8 @@ def raycast(source: Any, camera: AnyCamera = orbit(), size: Size = (512, 512), *
     rows.
     """
     check_dtype(dtype)
-    with scene_of(source, threads=threads, **settings) as scene:
-        with reporter(progress, "raycast") as report:
-            colors, distance = scene.raycast(camera_tuple(scene.bounds, camera, size), threads,
-                                             report)
+    with contextlib.ExitStack() as stack, reporter(progress, "raycast") as report:
+        [(_, scene)] = scenes_of(stack, source, threads=threads, **settings)
+        colors, distance = scene.raycast(camera_tuple(scene.bounds, camera, size), threads, report)
     picture = finished_picture(colors, dtype, background)
     return Picture(picture, distance) if depth else picture

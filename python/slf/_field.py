@@ -17,7 +17,7 @@ from . import _slf
 from ._errors import UnsupportedError, UsageError
 from ._notebook import View, bundle, server_base
 from ._progress import Progress, reporter
-from ._source import SourceSettings, scene_of
+from ._source import SourceSettings, scenes_of
 from ._types import (BuildReport, Camera, Content, Difference, Evaluation, Frame, Look, Measurement,
                      MergeReport, Orbit, PickedPoint, Picture, RepackReport, Shape, Sphere, Tile,
                      Tone, VerifyReport, finite, orbit)
@@ -381,11 +381,10 @@ class Field:
         settings: say how to read it, as in slf.build(). Light, rays and, unless it is given, the
             transfer function are those of the field; rays have a step of at most 0.5 voxels.
         """
-        with scene_of(scene, truth_of=self._field.provenance, **settings) as handle:
-            with reporter(progress, "evaluate") as report:
-                evaluation = _slf.evaluate(
-                    self._field, handle, self._cameras(cameras, size, distance), mode,
-                    self._level(level), supersample, report)
+        with contextlib.ExitStack() as stack, reporter(progress, "evaluate") as report:
+            [(_, truth)] = scenes_of(stack, scene, truth_of=self._field.provenance, **settings)
+            evaluation = _slf.evaluate(self._field, truth, self._cameras(cameras, size, distance),
+                                       mode, self._level(level), supersample, report)
         if evaluation.differs:
             warnings.warn(f"{self.path} was built from another source ({evaluation.differs} "
                           "differs): the figures compare two different objects", stacklevel=2)

@@ -9,12 +9,13 @@ import mmap
 import os
 import tempfile
 import warnings
-from typing import Any, Iterator, Mapping, NamedTuple, Sequence, TypedDict, Unpack
+from typing import Any, Mapping, NamedTuple, Sequence, TypedDict, Unpack
 
 import numpy as np
 
 from . import _slf
 from ._errors import UsageError
+from ._progress import ProgressFunction
 from ._rays import Scene, ray_scene
 from ._types import Point, Sphere, Tone, finite, point
 
@@ -360,23 +361,25 @@ def _arrays(source: Any, settings: Any, folder: str | None, mapped: list[mmap.mm
                                        mapped=mapped, name=name)
 
 
-@contextlib.contextmanager
-def scene_of(source: Any, *, linear: bool = False, folder: str | None = None, threads: int = 0,
-             sphere: Sphere | None = None, truth_of: str | None = None,
-             **given: Unpack[Settings]) -> Iterator[_slf.Scene]:
-    """The scene of a source. folder: for temporary files.  sphere: of pictures.  truth_of: the
-    provenance of a field to compare with, which is without settings but those of the source."""
+def scenes_of(stack: contextlib.ExitStack, source: Any, *, linear: bool = False,
+              folder: str | None = None, threads: int = 0, sphere: Sphere | None = None,
+              truth_of: str | None = None, each_label: bool = False,
+              report: ProgressFunction | None = None,
+              **given: Unpack[Settings]) -> list[tuple[str, _slf.Scene]]:
+    """The scene of a source, without a name, or those of its labels, until `stack` is closed.
+    folder: for temporary files.  sphere: of pictures.  truth_of: the provenance of a field to
+    compare with, which is without settings but those of the source.  report: for the light of
+    labels. Called by what users call, whose place warnings state."""
     known = Settings if truth_of is None else SourceSettings
     unknown = sorted(set(given) - set(known.__annotations__))
     if unknown:
         raise TypeError(f"unexpected settings: {', '.join(unknown)}")
     settings: Any = {key: value for key, value in given.items() if value is not None}
     if isinstance(source, Scene):
-        if settings:
-            raise UsageError(f"{', '.join(sorted(settings))}: not for scenes of Python")
-        with ray_scene(source) as scene:
-            yield scene
-        return
+        if settings or each_label:
+            names = ["each_label"] * each_label + sorted(settings)
+            raise UsageError(f"{', '.join(names)}: not for scenes of Python")
+        return [("", stack.enter_context(ray_scene(source)))]
     mapped: list[mmap.mmap] = []
     _arrays(source, settings, folder, mapped)
     if isinstance(settings.get("label_table"), Mapping):
@@ -386,13 +389,13 @@ def scene_of(source: Any, *, linear: bool = False, folder: str | None = None, th
     if truth_of is None:
         settings.setdefault("depth_cache", "")  # beside the pictures
     notes: list[str] = []
-    scene = _slf.make_scene({**settings, "linear": linear, "threads": threads, "sphere": sphere,
-                             "truth_of": truth_of}, notes)
+    scenes = _slf.make_scenes({**settings, "linear": linear, "threads": threads, "sphere": sphere,
+                               "truth_of": truth_of}, each_label, notes, report)
     for note in notes:
-        warnings.warn(note, stacklevel=4)  # where the caller of slf is, past contextlib
+        warnings.warn(note, stacklevel=3)
     for file in mapped:  # rays jump from page to page: reading ahead would be in vain
         file.madvise(mmap.MADV_RANDOM)
-    yield scene
+    return scenes
 
 
 def _style(style: Any) -> tuple[str, Point | None, float]:

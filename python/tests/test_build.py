@@ -1,5 +1,6 @@
 """Building from arrays and images: the same bytes as `slf build` from the same voxels."""
 
+import contextlib
 import filecmp
 import json
 import os
@@ -16,7 +17,7 @@ import pytest
 import slf
 from conftest import SMALL, SMALL_ARGUMENTS, write_nifti
 from slf._field import camera_tuple
-from slf._source import scene_of
+from slf._source import scenes_of
 
 META_TYPES = {"u1": "UCHAR", "i1": "CHAR", "u2": "USHORT", "i2": "SHORT", "u4": "UINT", "i4": "INT",
               "f4": "FLOAT", "f8": "DOUBLE"}
@@ -517,7 +518,8 @@ def test_notes_are_warnings(tmp_path):
     ids[2:6, 2:6, 4:14], ids[2:6, 2:6, 14:28] = 3, 17
     with pytest.warns(UserWarning, match="look like labels") as caught:
         slf.raycast(ids, size=(8, 8))
-    assert caught[0].filename == __file__
+        slf.build(ids, tmp_path / "a.slf", lighting="direct", **SMALL)
+    assert [one.filename for one in caught] == 2 * [__file__]
     file = tmp_path / "a.nrrd"
     file.write_bytes(b"NRRD0004\ntype: uchar\ndimension: 3\nsizes: 2 2 2\nencoding: raw\n\n"
                      b"12345678")
@@ -576,7 +578,8 @@ def test_spheres_that_miss_everything_are_refused(tmp_path):
 
 def test_threads_may_share_a_scene(voxels):
     """Its light is computed once, by one of them, which alone is told of it."""
-    with scene_of(voxels, lighting="global", light_samples=4) as scene:
+    with contextlib.ExitStack() as stack:
+        [(_, scene)] = scenes_of(stack, voxels, lighting="global", light_samples=4)
         rows = 16
         camera = camera_tuple(scene.bounds, slf.orbit(10, 20, 3), (16, rows))
         pictures, totals, other = {}, {1: set(), 2: set()}, []
@@ -637,3 +640,28 @@ def test_states_of_one_light(tmp_path):
     states[1] = {"name": "hot", "transfer": "ct-skin", "light_from": "whole"}
     with pytest.raises(slf.UsageError, match="/transfer"):
         slf.build(ball, tmp_path / "b.slf", **SMALL, **light, states=states)
+
+
+def test_each_label_is_a_state(tmp_path, command):
+    labels = np.zeros((12, 12, 12), np.uint8)
+    labels[2:10, 2:6, 2:10], labels[2:10, 8:10, 2:10], labels[4:6, 6:8, 4:6] = 1, 2, 3
+    table = {1: ("front", (1, 0, 0)), 2: ("back", (0, 1, 0)), 3: "back"}
+    settings = dict(labels=True, label_table=table, each_label=True, light_samples=2, **SMALL)
+    counts = []
+    field = slf.build(labels, tmp_path / "a.slf", **settings, progress=lambda *p: counts.append(p))
+    assert field.states == ("front", "back") and len({total for _, total, _ in counts}) > 1
+    write_mha(tmp_path / "l.mha", labels)
+    (tmp_path / "t.json").write_text(json.dumps({"labels": [
+        {"id": 1, "name": "front", "color": [1, 0, 0]},
+        {"id": 2, "name": "back", "color": [0, 1, 0]}, {"id": 3, "name": "back"}]}))
+    command("build", tmp_path / "l.mha", "--labels", "--label-table", tmp_path / "t.json",
+            "--each-label", "--light-samples", 2, *SMALL_ARGUMENTS, "-o", tmp_path / "b.slf")
+    for state in field.states:
+        assert slf.diff(field.in_state(state), slf.open(tmp_path / "b.slf", state=state)).channels[0].differing == 0
+    for source, settings, message in [
+            (labels, {"labels": True, "each_label": True, "states": [{"name": "all"}]}, "each_label makes"),
+            (labels, {"each_label": True}, "amounts, not labels.*see the setting labels"),
+            (0 * labels, {"each_label": True, "labels": True}, "array: no label of it is visible"),
+            (slf.Scene(), {"each_label": True}, "each_label: not for scenes of Python")]:
+        with pytest.raises(slf.UsageError, match=message):
+            slf.build(source, tmp_path / "c.slf", **settings)
