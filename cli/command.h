@@ -131,12 +131,6 @@ void keep_freed_memory();
 /// The field in another state, by its name or number; the same field for an empty text.
 [[nodiscard]] Result<Field> show_state(const Field& field, const std::string& state);
 
-/// Adds the chosen states of a field by their names or numbers; all if none is chosen. A field
-/// without states is one.
-[[nodiscard]] Result<void> add_states(const std::string& input,
-                                      const std::vector<std::string>& chosen,
-                                      std::vector<StateSource>& states);
-
 /// A field, and the state of it to show.
 struct FieldArguments {
   std::string path, state;

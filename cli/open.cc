@@ -15,30 +15,12 @@ Result<Field> open_first_state(const std::string& path);
 }  // namespace
 
 Result<Field> show_state(const Field& field, const std::string& state) {
-  if (state.empty()) return field;
-  unsigned number = 0;
-  const auto names = field.states();
-  const bool named = std::ranges::find(names, state) != names.end();
-  return hinted(!named && CLI::detail::lexical_cast(state, number) ? field.in_state(number)
-                                                                   : field.in_state(state));
+  return state.empty() ? field : hinted(field.in_state(state));
 }
 
 Result<Field> open_field(const std::string& path, const std::string& state) {
   const auto field = SLF_TRY(open_first_state(path));
   return show_state(field, state);
-}
-
-Result<void> add_states(const std::string& input, const std::vector<std::string>& chosen,
-                        std::vector<StateSource>& states) {
-  const auto first = SLF_TRY(open_field(input));
-  const std::vector<std::string> names = first.states();
-  if (names.empty() && chosen.empty())
-    states.push_back({std::filesystem::path(input).stem(), first});
-  for (const std::string& name : chosen.empty() ? names : chosen) {
-    const auto field = SLF_TRY(show_state(first, name));
-    states.push_back({field.states().empty() ? "" : names[field.state()], field});
-  }
-  return {};
 }
 
 void FieldArguments::add_to(CLI::App& command, const char* help) {

@@ -276,6 +276,8 @@ Result<std::vector<LabelGroup>> label_groups(const SceneDescription& d) {
   for (const std::int64_t id : label_ids(labels)) {
     const auto style = styles.find(id);
     if (id == 0 || (style != styles.end() && style->second.opacity == 0)) continue;
+    if (!d.only_labels.empty() && std::ranges::find(d.only_labels, id) == d.only_labels.end())
+      continue;
     std::string name = style != styles.end() ? style->second.name : "";
     if (name.empty()) name = "label " + std::to_string(id);
     const auto same = std::ranges::find(groups, name, &LabelGroup::name);

@@ -361,15 +361,41 @@ def _arrays(source: Any, settings: Any, folder: str | None, mapped: list[mmap.mm
                                        mapped=mapped, name=name)
 
 
-def scenes_of(stack: contextlib.ExitStack, source: Any, *, linear: bool = False,
+def scenes_of(stack: contextlib.ExitStack, source: Any, *,
+              states: Sequence[Mapping[str, Any]] = (), each_label: bool = False,
+              report: ProgressFunction | None = None, linear: bool = False,
               folder: str | None = None, threads: int = 0, sphere: Sphere | None = None,
-              truth_of: str | None = None, each_label: bool = False,
-              report: ProgressFunction | None = None,
-              **given: Unpack[Settings]) -> list[tuple[str, _slf.Scene]]:
-    """The scene of a source, without a name, or those of its labels, until `stack` is closed.
-    folder: for temporary files.  sphere: of pictures.  truth_of: the provenance of a field to
-    compare with, which is without settings but those of the source.  report: for the light of
-    labels. Called by what users call, whose place warnings state."""
+              truth_of: str | None = None, **given: Unpack[Settings]) -> list[tuple[str, Any]]:
+    """The scenes of states, until `stack` is closed; without states, one of no name, or those of
+    the labels. report: for the light of labels.  folder: for temporary files.  sphere: of pictures.
+    truth_of: the provenance of a field to compare with, which is without settings but those of the
+    source. Called by what users call, whose place warnings state."""
+    if states and each_label:
+        raise UsageError("each_label makes states itself, without states=")
+    scenes: list[tuple[str, Any]] = []
+    for state in states or ({},):
+        settings: Any = {"source": source, **given, **state}
+        name, lit_by = state.get("name", ""), settings.pop("light_from", None)
+        if "name" in state:
+            settings["name"] = given.get("name")
+        notes: list[str] = []
+        made = _made(stack, settings, each_label, notes, report, folder, truth_of,
+                     {"linear": linear, "threads": threads, "sphere": sphere, "truth_of": truth_of})
+        for note in notes:
+            warnings.warn(note, stacklevel=3)
+        if lit_by is not None:
+            if lit_by not in dict(scenes):
+                raise UsageError(f"light_from: no earlier state is named {lit_by!r}")
+            made[0][1].share_light(dict(scenes)[lit_by])
+        scenes += made if each_label else [(name, made[0][1])]
+    return scenes
+
+
+def _made(stack: contextlib.ExitStack, given: Any, each_label: bool, notes: list[str],
+          report: ProgressFunction | None, folder: str | None, truth_of: str | None,
+          common: Any) -> list[tuple[str, Any]]:
+    """The scene of a source, or those of its labels."""
+    source = given.pop("source")
     known = Settings if truth_of is None else SourceSettings
     unknown = sorted(set(given) - set(known.__annotations__))
     if unknown:
@@ -388,11 +414,8 @@ def scenes_of(stack: contextlib.ExitStack, source: Any, *, linear: bool = False,
     settings["transfer"] = _transfer(settings.get("transfer"))
     if truth_of is None:
         settings.setdefault("depth_cache", "")  # beside the pictures
-    notes: list[str] = []
-    scenes = _slf.make_scenes({**settings, "linear": linear, "threads": threads, "sphere": sphere,
-                               "truth_of": truth_of}, each_label, notes, report)
-    for note in notes:
-        warnings.warn(note, stacklevel=3)
+    scenes: list[tuple[str, Any]] = _slf.make_scenes({**settings, **common}, each_label, notes,
+                                                     report)
     for file in mapped:  # rays jump from page to page: reading ahead would be in vain
         file.madvise(mmap.MADV_RANDOM)
     return scenes

@@ -16,24 +16,23 @@
 namespace slf::python {
 namespace {
 
+Result<Field> open_field(const std::string& path, const ProgressCallback& progress) {
+  if (!is_address(path)) return Field::open(path);
+#ifdef SLF_REMOTE
+  return RemoteField::open(path, {}, progress).map([](const auto& remote) {
+    return remote.field();
+  });
+#else
+  return fail(ErrorCode::unsupported, path,
+              ": this slf was built without libcurl and does not read fields over HTTP");
+#endif
+}
+
 std::unique_ptr<OpenField> open(const Text& path, std::uint64_t memory, unsigned threads,
                                 py::object progress) {
-  RendererOptions options;
-  options.memory = memory;
-  options.threads = threads;
   LongCall call(std::move(progress));
-  auto field = call.without_gil([&]() -> Result<Field> {
-    if (!is_address(path)) return Field::open(path);
-#ifdef SLF_REMOTE
-    auto remote = RemoteField::open(path, {}, call.progress());
-    if (!remote) return tl::unexpected(remote.error());
-    return remote->field();
-#else
-    return fail(ErrorCode::unsupported, path,
-                ": this slf was built without libcurl and does not read fields over HTTP");
-#endif
-  });
-  return std::make_unique<OpenField>(value_of(std::move(field), path), options);
+  auto field = call.value(path, [&] { return open_field(path, call.progress()); });
+  return std::make_unique<OpenField>(std::move(field), RendererOptions{memory, threads});
 }
 
 template <class State>
@@ -54,16 +53,19 @@ py::object content(const OpenField& open) {
                      content.payload_bytes);
 }
 
-/// A structure: an open field, its opacity and its tint.
-using StructureTuple = std::tuple<const OpenField*, float, std::array<float, 3>>;
-
+/// `structures`: none for those that are shown if nothing is chosen.
 std::unique_ptr<OpenField> compose(const OpenField& open,
-                                   const std::vector<StructureTuple>& structures) {
-  std::vector<Structure> layers;
-  for (const auto& [field, opacity, tint] : structures)
-    layers.push_back({field->field(), opacity, tint});
-  return std::make_unique<OpenField>(value_of(slf::compose(open.field(), std::move(layers))),
-                                     open.options());
+                                   const std::optional<LookTuples>& structures) {
+  const std::vector<StructureLook> looks = looks_of(structures.value_or(LookTuples()));
+  LongCall call;
+  auto composed = call.value(open.field().path(), [&] {
+    return structures ? compose_looks(open.field(), looks,
+                                      [&](const std::string& path) {
+                                        return open_field(path, call.progress());
+                                      })
+                      : all_structures(open.field());
+  });
+  return std::make_unique<OpenField>(std::move(composed), open.options());
 }
 
 ViewOptions view_of(const Field& field, const std::optional<std::string>& mode,
@@ -263,6 +265,22 @@ void close(OpenPlayer& open) {
 }
 
 }  // namespace
+
+std::vector<StructureLook> looks_of(const LookTuples& structures) {
+  std::vector<StructureLook> looks;
+  for (const auto& structure : structures) {
+    if (const auto* text = std::get_if<Text>(&structure)) {
+      looks.push_back(value_of(parse_structure(*text)));
+      continue;
+    }
+    const auto& [what, opacity, tint] = std::get<LookTuple>(structure);
+    if (const auto* name = std::get_if<Text>(&what))
+      looks.push_back({*name, opacity, tint});
+    else if (const Field& field = std::get<const OpenField*>(what)->field(); true)
+      looks.push_back({field.path(), opacity, tint, field});
+  }
+  return looks;
+}
 
 void bind_fields(py::module_& module) {
   py::class_<OpenField>(module, "Field")
