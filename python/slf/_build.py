@@ -56,7 +56,8 @@ def build(source: Any, out: Path, *, entry: int = 8, exit: int = 32, finest_leve
     only_levels, coarser: as --only-levels and --coarser of `slf build`.
     threads: 0: all.  commit_every: seconds between commits, which a kill can lose.
     force: replace another field at `out`, once this one is complete.
-    progress: counts paths of light, then rays.
+    progress: True: a bar of tqdm; or a function (done, total, skipped), which ends the call if it
+        returns False. Counts paths of light, then rays.
 
     settings: slf.Settings, whose documentation says what each does.
 

@@ -144,7 +144,8 @@ class Field:
     def __repr__(self) -> str:
         if self._open is None:
             return "<slf.Field, closed>"
-        return f"<slf.Field {self.path!r}, levels 0 to {self.finest_level}>"
+        states = f", {len(self.states)} states" if self.states else ""
+        return f"<slf.Field {self.path!r}, levels 0 to {self.finest_level}{states}>"
 
     # -- content ----------------------------------------------------------------------------------
 
@@ -286,8 +287,7 @@ class Field:
 
     def thumbnail(self, size: int = 256,
                   background: Sequence[float] | None = (0, 0, 0)) -> Array:
-        """A small picture: uint8 [size, size, 4], over black. Reads coarse tiles, and keeps none.
-        """
+        """A small picture: uint8 [size, size, 4]. Reads coarse tiles, and keeps none."""
         colors, _ = self._drawn(None, None).render(
             camera_tuple(self.sphere, orbit(), (size, size)), None, self._level("matching"), False,
             None, True, _THUMBNAIL_MEMORY)

@@ -283,28 +283,25 @@ std::vector<StructureLook> looks_of(const LookTuples& structures) {
 }
 
 void bind_fields(py::module_& module) {
-  py::class_<OpenField>(module, "Field")
-      .def(py::init(&open))
-      .def_property_readonly("path", [](const OpenField& f) { return Text(f.field().path()); })
-      .def_property_readonly("shape",
-                             [](const OpenField& f) { return tuple_of(f.field().shape()); })
-      .def_property_readonly("format", [](const OpenField& o) { return name(o.field().format()); })
-      .def_property_readonly("codec", [](const OpenField& o) { return Text(o.field().codec()); })
-      .def_property_readonly("has_depth", [](const OpenField& f) { return f.field().has_depth(); })
-      .def_property_readonly("linear", [](const OpenField& f) { return f.field().linear(); })
-      .def_property_readonly("manifest",
-                             [](const OpenField& f) { return Text(f.field().manifest()); })
-      .def_property_readonly("provenance",
-                             [](const OpenField& f) { return Text(f.field().provenance()); })
-      .def_property_readonly("file_bytes",
-                             [](const OpenField& f) { return f.field().file_bytes(); })
-      .def_property_readonly("state", [](const OpenField& f) { return f.field().state(); })
-      .def_property_readonly("states",
-                             [](const OpenField& f) {
-                               py::list names;
-                               for (const auto& name : f.field().states()) names.append(Text(name));
-                               return py::tuple(names);
-                             })
+  py::class_<OpenField> type(module, "Field");
+  const auto fact = [&](const char* name, auto get) {
+    type.def_property_readonly(name, [get](const OpenField& open) { return get(open.field()); });
+  };
+  fact("path", [](const Field& f) { return Text(f.path()); });
+  fact("shape", [](const Field& f) { return tuple_of(f.shape()); });
+  fact("format", [](const Field& f) { return name(f.format()); });
+  fact("codec", [](const Field& f) { return Text(f.codec()); });
+  fact("has_depth", [](const Field& f) { return f.has_depth(); });
+  fact("linear", [](const Field& f) { return f.linear(); });
+  fact("manifest", [](const Field& f) { return Text(f.manifest()); });
+  fact("provenance", [](const Field& f) { return Text(f.provenance()); });
+  fact("file_bytes", [](const Field& f) { return f.file_bytes(); });
+  fact("state", [](const Field& f) { return f.state(); });
+  fact("states", [](const Field& f) {
+    const auto names = f.states();
+    return py::tuple(py::cast(Texts(names.begin(), names.end())));
+  });
+  type.def(py::init(&open))
       .def("in_state", in_state<unsigned>)
       .def("in_state", in_state<Text>)
       .def("content", content)
