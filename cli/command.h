@@ -128,9 +128,6 @@ void keep_freed_memory();
 /// Field::open(), RemoteField::open() and Field::in_state().
 [[nodiscard]] Result<Field> open_field(const std::string& path, const std::string& state = {});
 
-/// The field in another state, by its name or number; the same field for an empty text.
-[[nodiscard]] Result<Field> show_state(const Field& field, const std::string& state);
-
 /// A field, and the state of it to show.
 struct FieldArguments {
   std::string path, state;

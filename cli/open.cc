@@ -1,4 +1,3 @@
-#include <algorithm>
 #include <array>
 #include <filesystem>
 #include <fstream>
@@ -14,13 +13,9 @@ Result<Field> open_first_state(const std::string& path);
 
 }  // namespace
 
-Result<Field> show_state(const Field& field, const std::string& state) {
-  return state.empty() ? field : hinted(field.in_state(state));
-}
-
 Result<Field> open_field(const std::string& path, const std::string& state) {
   const auto field = SLF_TRY(open_first_state(path));
-  return show_state(field, state);
+  return state.empty() ? field : hinted(field.in_state(state));
 }
 
 void FieldArguments::add_to(CLI::App& command, const char* help) {

@@ -94,11 +94,11 @@ Result<void> run_export(const ExportArguments& a) {
   SLF_TRY(with_force(hinted(exported).map([](const auto&) {})));
   if (a.json)
     print_json({{"output", a.output},
-                {"field_bytes", exported->field_bytes},
-                {"level", exported->levels}});
+                {"field_bytes", exported->file_bytes()},
+                {"level", exported->shape().levels}});
   else
-    print("{}: a field of {}, finest level {}\n", a.output, human_bytes(exported->field_bytes),
-          exported->levels);
+    print("{}: a field of {}, finest level {}\n", a.output, human_bytes(exported->file_bytes()),
+          exported->shape().levels);
   return {};
 }
 

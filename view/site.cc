@@ -7,8 +7,8 @@
 #include <array>
 #include <filesystem>
 #include <initializer_list>
-#include <nlohmann/json.hpp>
 #include <memory>
+#include <nlohmann/json.hpp>
 #include <optional>
 #include <sstream>
 #include <utility>
@@ -332,14 +332,16 @@ std::string page_with(std::string_view attributes, std::string_view content) {
   return html;
 }
 
-Result<ExportReport> export_field(const std::string& input, const std::string& output,
-                                  const ExportOptions& options, const ProgressCallback& tiles,
-                                  const ProgressCallback& bytes) {
+Result<Field> export_field(const std::string& input, const std::string& output,
+                           const ExportOptions& options, const ProgressCallback& tiles,
+                           const ProgressCallback& bytes) {
   SLF_TRY(check_export(input, output, options.existing));
   const auto field = SLF_TRY(Field::open(input));
   auto views = SLF_TRY(parse_views(options.views, field.shape().sphere));
   const auto smaller = SLF_TRY(repack_if_requested(field, output, options, tiles));
-  const std::shared_ptr<void> closed(nullptr, [&](void*) { if (smaller) ::close(*smaller); });
+  const std::shared_ptr<void> closed(nullptr, [&](void*) {
+    if (smaller) ::close(*smaller);
+  });
   const auto exported = SLF_TRY(smaller ? Field::open(path_of_descriptor(*smaller)) : field);
   if (auto begun = begin_with(options.first, exported, views); !begun) {
     if (!smaller || !begin_with(options.first, field, views)) return tl::unexpected(begun.error());
@@ -347,7 +349,7 @@ Result<ExportReport> export_field(const std::string& input, const std::string& o
   }
   SLF_TRY(is_page_name(output) ? export_page(exported.path(), input, output, views, bytes)
                                : export_site(exported.path(), input, output, views, bytes));
-  return ExportReport{exported.file_bytes(), exported.shape().levels};
+  return exported;
 }
 
 }  // namespace slf::view

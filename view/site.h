@@ -31,10 +31,6 @@ struct ExportOptions {
   First first{};
   Existing existing = Existing::keep;
 };
-struct ExportReport {
-  std::uint64_t field_bytes = 0;
-  unsigned levels = 0;  ///< the finest
-};
 
 /// Writes the field at `input` with the page that shows it, and with views: one HTML file, which
 /// opens from disk, if `output` ends in .html or .htm, or else a folder for any host of static
@@ -47,10 +43,10 @@ struct ExportReport {
 /// cannot be read or written. bad_file: `input` is no field, or `views` are none. unsupported: the
 /// field is larger than kMaxEmbeddedBytes, for one file; or slf was built without the page.
 /// cancelled: stopped by `tiles`, which counts those that are encoded, or by `bytes`, which counts
-/// those of the field.
-[[nodiscard]] Result<ExportReport> export_field(const std::string& input, const std::string& output,
-                                                const ExportOptions& options,
-                                                const ProgressCallback& tiles = {},
-                                                const ProgressCallback& bytes = {});
+/// those of the field. Returns what was written, to be asked for its size and shape.
+[[nodiscard]] Result<Field> export_field(const std::string& input, const std::string& output,
+                                         const ExportOptions& options,
+                                         const ProgressCallback& tiles = {},
+                                         const ProgressCallback& bytes = {});
 
 }  // namespace slf::view

@@ -78,7 +78,6 @@ def build(source: Any, out: Path, *, entry: int = 8, exit: int = 32, finest_leve
         bounds = scenes[0][1].bounds
         sphere = Sphere(bounds.center if center is None else point(center),
                         bounds.radius if radius is None else float(radius))
-        finite("center and radius", (*sphere.center, sphere.radius))
         built = _slf.build(scenes, out, sphere, entry, exit, finest_level, entry_extra_levels,
                            codec, depth, half, threads, float(commit_every), force, shard,
                            only_levels, coarser, report)

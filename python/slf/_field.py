@@ -45,8 +45,6 @@ def camera_tuple(sphere: Sphere, camera: AnyCamera, size: Size) -> tuple[Any, ..
     if width < 1 or height < 1 or width * height > 1 << 28:
         raise UsageError(f"size {size}: expected (width, height), at least 1 and at most 2^28 "
                          "pixels")
-    for values in camera:
-        finite("camera", values)
     if isinstance(camera, Orbit):
         return _slf.orbit_camera(sphere, tuple(camera), width, height)
     return (*camera, width, height)
@@ -331,7 +329,6 @@ class Field:
 
     def _cameras(self, cameras: int | Sequence[AnyCamera], size: Size,
                  distance: float) -> list[tuple[Any, ...]]:
-        finite("distance", distance)
         if isinstance(cameras, int):
             return _slf.random_cameras(self.sphere, distance, cameras, 1, *size)
         return [camera_tuple(self.sphere, camera, size) for camera in cameras]

@@ -338,6 +338,7 @@ std::vector<std::pair<Text, SceneHandle>> make_scenes(const py::dict& settings, 
   const auto set = setters(description);
   for (const auto& [key, value] : settings) {
     const auto setter = set.find(key.cast<std::string>());
+    if (setter == set.end()) throw py::type_error("unexpected setting " + key.cast<std::string>());
     try {
       if (!value.is_none()) setter->second(value);
     } catch (const py::cast_error&) {
