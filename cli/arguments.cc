@@ -203,8 +203,9 @@ tl::unexpected<Error> with_hint(const Error& error, const std::string& hint) {
 }
 
 Result<void> with_force(Result<void> checked) {
-  if (checked || !checked.error().choice) return checked;
-  const bool folder = std::string_view(checked.error().choice) == "replace in";
+  const std::string_view choice = checked || !checked.error().choice ? "" : checked.error().choice;
+  if (!choice.starts_with("replace")) return checked;
+  const bool folder = choice == "replace in";
   return with_hint(checked.error(), folder ? "-f overwrites files in it" : "-f overwrites it");
 }
 

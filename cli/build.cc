@@ -32,9 +32,9 @@ Result<void> run_build(const BuildArguments& arguments) {
   if (!arguments.center.empty() && arguments.radius != 0)
     source.pictures.sphere = Sphere{to_vector(arguments.center), arguments.radius};
   SLF_TRY(check_output(output, {&arguments.states, 1}));
-  std::vector<MadeState> made;
+  std::vector<NamedScene> made;
   if (arguments.each_label) {
-    made = SLF_TRY(make_label_states(source));
+    made = SLF_TRY(hinted(make_label_scenes(source)));
   } else if (arguments.states.empty()) {
     auto scene = SLF_TRY(hinted(make_scene(source)));
     made.push_back({"", std::move(scene)});
@@ -42,7 +42,7 @@ Result<void> run_build(const BuildArguments& arguments) {
     made = SLF_TRY(make_states(arguments.states, source));
   }
   std::vector<FieldState> states;
-  for (const MadeState& state : made) states.push_back({state.name, state.scene.get()});
+  for (const NamedScene& state : made) states.push_back({state.name, state.scene.get()});
   Sphere& sphere = options.shape.sphere;
   sphere = states[0].scene->bounds();
   if (!arguments.center.empty()) sphere.center = to_vector(arguments.center);

@@ -128,14 +128,9 @@ void keep_freed_memory();
 /// Field::open(), RemoteField::open() and Field::in_state().
 [[nodiscard]] Result<Field> open_field(const std::string& path, const std::string& state = {});
 
-/// The field in another state, by its name or number; the same field for an empty text.
-[[nodiscard]] Result<Field> show_state(const Field& field, const std::string& state);
-
-/// Adds the chosen states of a field by their names or numbers; all if none is chosen. A field
-/// without states is one.
-[[nodiscard]] Result<void> add_states(const std::string& input,
-                                      const std::vector<std::string>& chosen,
-                                      std::vector<StateSource>& states);
+/// The names of states in a list that was split at commas, of which they may have some themselves.
+[[nodiscard]] std::vector<std::string> join_names(const Field& field,
+                                                  std::span<const std::string> split);
 
 /// A field, and the state of it to show.
 struct FieldArguments {
@@ -349,18 +344,12 @@ Result<T> hinted(Result<T> result) {
   return result;
 }
 
-struct MadeState {
-  std::string name;
-  std::shared_ptr<const Scene> scene;
-};
-/// A state for each structure of a label volume, which shows it alone, under one light of all.
-[[nodiscard]] Result<std::vector<MadeState>> make_label_states(const SourceArguments& common);
 /// The states that a JSON file lists (schemas/states.json): scenes with the `common` options, but
 /// for those of each state. With a name `last`, just the first one, the one of this name as the
 /// last, and what that needs. Messages name the file and the state.
-[[nodiscard]] Result<std::vector<MadeState>> make_states(const std::string& file,
-                                                         const SourceArguments& common,
-                                                         const std::string& last = {});
+[[nodiscard]] Result<std::vector<NamedScene>> make_states(const std::string& file,
+                                                          const SourceArguments& common,
+                                                          const std::string& last = {});
 
 /// The options that choose the part of a field to build.
 struct ShardArguments {

@@ -1,4 +1,3 @@
-#include <algorithm>
 #include <array>
 #include <filesystem>
 #include <fstream>
@@ -15,39 +14,27 @@ Result<Field> open_first_state(const std::string& path);
 
 }  // namespace
 
-Result<Field> show_state(const Field& field, const std::string& state) {
-  if (state.empty()) return field;
-  unsigned number = 0;
-  const auto names = field.states();
-  const bool named = std::ranges::find(names, state) != names.end();
-  return hinted(!named && CLI::detail::lexical_cast(state, number) ? field.in_state(number)
-                                                                   : field.in_state(state));
-}
-
 Result<Field> open_field(const std::string& path, const std::string& state) {
   const auto field = SLF_TRY(open_first_state(path));
-  return show_state(field, state);
+  return state.empty() ? field : hinted(field.in_state(state));
 }
 
-Result<void> add_states(const std::string& input, const std::vector<std::string>& chosen,
-                        std::vector<StateSource>& states) {
-  const auto first = SLF_TRY(open_field(input));
-  const std::vector<std::string> names = first.states();
-  if (names.empty() && chosen.empty())
-    states.push_back({std::filesystem::path(input).stem(), first});
+std::vector<std::string> join_names(const Field& field, std::span<const std::string> split) {
+  const std::vector<std::string> names = field.states();
   const auto is_state = [&](const std::string& name) {
     return std::ranges::find(names, name) != names.end();
   };
-  for (std::span left(chosen.empty() ? names : chosen); !left.empty();) {
-    std::string name = left[0], joined = name;
-    std::size_t parts = 1;  // of a name with commas
-    for (std::size_t k = 1; k < std::min<std::size_t>(8, left.size()) && !is_state(name); ++k)
-      if (is_state(joined += "," + left[k])) name = joined, parts = k + 1;
-    left = left.subspan(parts);
-    const auto field = SLF_TRY(show_state(first, name));
-    states.push_back({field.states().empty() ? "" : names[field.state()], field});
+  std::vector<std::string> joined;
+  for (; !split.empty(); split = split.subspan(1)) {
+    std::string name = split[0];
+    for (std::size_t k = 1; k < std::min<std::size_t>(8, split.size()) && !is_state(split[0]); ++k)
+      if (is_state(name += "," + split[k])) {
+        split = split.subspan(k);
+        break;
+      }
+    joined.push_back(is_state(name) ? name : split[0]);
   }
-  return {};
+  return joined;
 }
 
 void FieldArguments::add_to(CLI::App& command, const char* help) {

@@ -141,9 +141,10 @@ struct RaycastArguments {
 };
 
 /// The scene to draw, last, behind that around which the view is.
-Result<std::vector<MadeState>> scenes_of(const RaycastArguments& a, const SourceArguments& source) {
+Result<std::vector<NamedScene>> scenes_of(const RaycastArguments& a,
+                                          const SourceArguments& source) {
   if (!a.states.empty()) return make_states(a.states, source, a.state);
-  std::vector<MadeState> made;
+  std::vector<NamedScene> made;
   auto scene = SLF_TRY(hinted(make_scene(source)));
   made.push_back({"", std::move(scene)});
   return made;

@@ -66,7 +66,11 @@ Result<void> run_repack(const RepackArguments& a) {
   options.subfields = a.subfields.numbers;
   options.replace = a.force;
   std::vector<StateSource> states;
-  for (const std::string& input : a.inputs) SLF_TRY(add_states(input, a.states, states));
+  for (const std::string& input : a.inputs) {
+    const auto field = SLF_TRY(open_field(input));
+    const auto chosen = SLF_TRY(hinted(state_sources(field, join_names(field, a.states))));
+    states.insert(states.end(), chosen.begin(), chosen.end());
+  }
   if (a.inputs.size() > 1 && !a.merge)
     return fail(ErrorCode::usage, "several fields: --merge-states makes states of them");
   if (a.dry_run && states.size() > 1)

@@ -65,11 +65,11 @@ Result<SourceArguments> arguments_of(const nlohmann::json& state, const std::str
 }
 
 /// Gives the scene the light of the state that `state` names, one of those that were made.
-Result<void> share_light(const nlohmann::json& state, const std::vector<MadeState>& made,
+Result<void> share_light(const nlohmann::json& state, const std::vector<NamedScene>& made,
                          const Scene& scene) {
   if (!state.contains(kLightFrom)) return {};
   const std::string name = text_of(state, kLightFrom, "");
-  const auto from = std::ranges::find(made, name, &MadeState::name);
+  const auto from = std::ranges::find(made, name, &NamedScene::name);
   if (from == made.end())
     return fail(ErrorCode::usage, kLightFrom, ": no earlier state is named '", name, "'");
   return scene.share_light(from->scene).map_error([&](const Error& error) {
@@ -116,42 +116,9 @@ Result<nlohmann::json> read_states(const std::string& path) {
 
 }  // namespace
 
-Result<std::vector<MadeState>> make_label_states(const SourceArguments& common) {
-  SourceArguments source = common;
-  if (!source.labels_volume) {  // the volume of labels is read once, and all states share it
-    SLF_TRY(source.check(source.files()));
-    auto volume = SLF_TRY(hinted(read_volume(source)));
-    for (const std::string& text : volume.notes) source.on_note(volume.source + ": " + text, {});
-    volume.share();
-    volume.notes.clear();
-    source.volume = std::make_shared<const Volume>(std::move(volume));
-  }
-  std::vector<MadeState> made;
-  const auto groups = SLF_TRY(hinted(label_groups(source)));
-  for (const LabelGroup& group : groups) {
-    source.only_labels = group.ids;
-    auto visible = make_scene(source);
-    const char* choice = visible ? nullptr : visible.error().choice;
-    if (choice && std::string_view(choice) == "only_labels" &&
-        (!made.empty() || &group != &groups.back())) {
-      note(group.name + ": no voxel of it is visible, so it is no state");
-      continue;
-    }
-    auto scene = SLF_TRY(hinted(std::move(visible)));
-    if (made.empty()) {
-      SLF_TRY(scene->prepare());
-      source.on_note = {};
-    } else if (const auto light = made[0].scene->light(); !light.empty()) {
-      (void)scene->set_light(light);
-    }
-    made.push_back({group.name, std::move(scene)});
-  }
-  return made;
-}
-
-Result<std::vector<MadeState>> make_states(const std::string& file, const SourceArguments& common,
-                                           const std::string& last) {
-  std::vector<MadeState> made;
+Result<std::vector<NamedScene>> make_states(const std::string& file, const SourceArguments& common,
+                                            const std::string& last) {
+  std::vector<NamedScene> made;
   const auto states = SLF_TRY(read_states(file));
   bool named = false;  // else `last` is a number, or a time's name
   std::string lit_by;  // what gives `last` its light

@@ -26,20 +26,13 @@ std::vector<std::string> DrawArguments::inputs(const FieldArguments& field) cons
 
 Result<Field> DrawArguments::open(const FieldArguments& arguments) const {
   const auto field = SLF_TRY(arguments.open());
-  std::vector<std::string> texts = structures;
-  if (texts.empty() && arguments.state.empty() && has_structures(field)) texts = {"*"};
-  if (texts.empty()) return field;
-  std::vector<StructureLook> files;
-  auto drawn = structures_of(field, texts, files);
-  if (!drawn) return fail(drawn.error().code, "--structure: ", drawn.error().message);
-  for (const StructureLook& file : files) {
-    if (!is_field(file.name)) return field.in_state(file.name);  // names what there is
-    if (file.opacity == 0) continue;                             // it need not even exist
-    const auto one =
-        SLF_TRY(file.name == arguments.path ? Result<Field>(field) : open_field(file.name));
-    drawn->push_back({one, file.opacity, file.tint});
-  }
-  return compose(field, std::move(*drawn));
+  if (structures.empty())
+    return arguments.state.empty() ? all_structures(field) : Result<Field>(field);
+  const auto looks = parse_structures(structures);
+  if (!looks) return fail(looks.error().code, "--structure: ", looks.error().message);
+  return compose_looks(field, *looks, [&](const std::string& name) {
+    return name == arguments.path ? Result<Field>(field) : open_field(name);
+  });
 }
 
 }  // namespace slf::cli

@@ -1,6 +1,7 @@
 #include "field/field_file.h"
 
 #include <algorithm>
+#include <charconv>
 #include <set>
 
 #include "base/guarded.h"
@@ -273,6 +274,10 @@ Result<Field> Field::in_state(const std::string& name) const {
   const std::vector<std::string> names = states();
   const auto named = std::find(names.begin(), names.end(), name);
   if (named != names.end()) return in_state(static_cast<unsigned>(named - names.begin()));
+  unsigned number = 0;
+  const char* const end = name.data() + name.size();
+  if (std::from_chars(name.data(), end, number) == std::from_chars_result{end, std::errc()})
+    return in_state(number);
   std::string listed;
   for (const std::string& known : names) {
     listed += (listed.empty() ? "" : ", ") + known;

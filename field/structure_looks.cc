@@ -4,7 +4,10 @@
 
 #include <algorithm>
 #include <charconv>
+#include <cmath>
+#include <iomanip>
 #include <nlohmann/json.hpp>
+#include <sstream>
 
 #include "base/try.h"
 
@@ -41,6 +44,27 @@ Result<StructureLook> parse_structure(std::string_view text, std::span<const std
   return look;
 }
 
+Result<std::vector<StructureLook>> parse_structures(std::span<const std::string> texts) {
+  std::vector<StructureLook> looks;
+  for (const std::string& text : texts) {
+    auto look = SLF_TRY(parse_structure(text));
+    look.text = text;
+    looks.push_back(std::move(look));
+  }
+  return looks;
+}
+
+std::string text_of(const StructureLook& look) {
+  std::ostringstream text;
+  text << look.name;
+  if (look.opacity != 1) text << ':' << look.opacity;
+  if (look.tint == StructureLook().tint) return text.str();
+  text << ":#" << std::hex << std::setfill('0');
+  for (const float c : look.tint)
+    text << std::setw(2) << std::lround(std::clamp(c, 0.f, 1.f) * 255);
+  return text.str();
+}
+
 bool has_structures(const Field& field) {
   const auto built = nlohmann::json::parse(field.provenance(), nullptr, false);
   const nlohmann::json none;
@@ -48,26 +72,47 @@ bool has_structures(const Field& field) {
   return field.states().size() > 1 && parts.is_object() && parts.contains("only");
 }
 
-Result<std::vector<Structure>> structures_of(const Field& field, std::span<const std::string> texts,
+Result<std::vector<Structure>> structures_of(const Field& field,
+                                             std::span<const StructureLook> looks,
                                              std::vector<StructureLook>& others) {
   const std::vector<std::string> names = field.states();
-  std::vector<StructureLook> looks(names.size(), {.name = "", .opacity = 0});
-  for (const std::string& text : texts) {
-    const auto look = SLF_TRY(parse_structure(text, names));
+  std::vector<std::optional<StructureLook>> shown_as(names.size());
+  for (const StructureLook& given : looks) {
+    const auto look = SLF_TRY(given.text.empty() ? given : parse_structure(given.text, names));
     const bool named = std::ranges::count(names, look.name) > 0;
     bool found = false;
-    for (std::size_t k = 0; k < names.size(); ++k)
+    for (std::size_t k = 0; k < names.size() && !look.field; ++k)
       if (named ? look.name == names[k] : fnmatch(look.name.c_str(), names[k].c_str(), 0) == 0)
-        looks[k] = look, found = true;
+        shown_as[k] = look, found = true;
     if (!found) others.push_back(look);
   }
   std::vector<Structure> shown;
-  for (unsigned k = 0; k < looks.size(); ++k) {
-    if (looks[k].opacity == 0) continue;
+  for (unsigned k = 0; k < names.size(); ++k) {
+    if (!shown_as[k] || shown_as[k]->opacity == 0) continue;
     const auto one = SLF_TRY(field.in_state(k));
-    shown.push_back({one, looks[k].opacity, looks[k].tint});
+    shown.push_back({one, shown_as[k]->opacity, shown_as[k]->tint});
   }
   return shown;
+}
+
+Result<Field> compose_looks(const Field& field, std::span<const StructureLook> looks,
+                            const std::function<Result<Field>(const std::string&)>& open) {
+  std::vector<StructureLook> others;
+  auto shown = SLF_TRY(structures_of(field, looks, others));
+  for (const StructureLook& other : others) {
+    if (other.opacity == 0) continue;  // it need not even exist
+    auto one = other.field ? *other.field : open(other.name);
+    if (!one && one.error().code == ErrorCode::not_found)
+      one = field.in_state(other.name);  // names what there is
+    const auto opened = SLF_TRY(std::move(one));
+    shown.push_back({opened, other.opacity, other.tint});
+  }
+  return compose(field, std::move(shown));
+}
+
+Result<Field> all_structures(const Field& field) {
+  if (!has_structures(field)) return field;
+  return compose_looks(field, std::array{StructureLook{"*"}}, {});
 }
 
 }  // namespace slf

@@ -282,11 +282,15 @@ Result<Server> Server::make(std::span<const std::string> fields, const ServerOpt
       field.name = name + "-" + std::to_string(copy);
     state->fields.push_back(std::move(field));
   }
-  if (fields.size() > 1 && !options.views.text.empty())
-    return fail(ErrorCode::usage, "views are of one field, but ", fields.size(), " are given");
+  const First& first = options.first;
+  if (fields.size() > 1 &&
+      !(options.views.text.empty() && first.state.empty() && first.structures.empty()))
+    return fail(ErrorCode::usage,
+                "views, a state and structures to show first are of one field, but ", fields.size(),
+                " are given");
   const auto field = SLF_TRY(Field::open(fields[0]));
   auto views = SLF_TRY(parse_views(options.views, field.shape().sphere));
-  begin_with(options.state, field, views);
+  SLF_TRY(begin_with(first, field, views));
   state->views = views.json;
   state->index = page_with("src=\"field.slf\" own" + views.attributes +
                                (views.json.empty() ? "" : " views=\"views.json\""),

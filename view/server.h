@@ -28,8 +28,8 @@ struct ServerOptions {
   /// Origins whose pages may show those of the server in frames, such as "https://example.org",
   /// beside those of this machine: notebooks at localhost, 127.0.0.1 and [::1].
   std::vector<std::string> frames{};
-  ViewsFile views{};    ///< that the page of the only field shows; may be none
-  std::string state{};  ///< the state that the page of the only field shows first
+  ViewsFile views{};  ///< that the page of the only field shows; may be none
+  First first{};      ///< what the page of the only field shows first
 };
 
 /// Answers GET and HEAD, with ranges, entity tags and conditional requests. Requests are untrusted.
@@ -38,7 +38,7 @@ class Server {
  public:
   /// Opens the fields and binds the address. io: a field cannot be read, or the address is taken.
   /// bad_file, unsupported: a file is no field, or `views` are none. usage: no field is given, or
-  /// several with views, or `frames` has no origin.
+  /// several with views or `first`, or `frames` has no origin; or as begin_with().
   [[nodiscard]] static Result<Server> make(std::span<const std::string> fields,
                                            const ServerOptions& options);
   Server(Server&&) noexcept;

@@ -1,9 +1,13 @@
 #include "view/site.h"
 
+#include <fcntl.h>
+#include <unistd.h>
+
 #include <algorithm>
 #include <array>
 #include <filesystem>
 #include <initializer_list>
+#include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <sstream>
@@ -19,6 +23,7 @@
 #include "slf/image.h"
 #include "slf/inspect.h"
 #include "slf/render.h"
+#include "view/fit.h"
 #include "view/page.h"
 
 namespace slf::view {
@@ -91,9 +96,10 @@ Result<Posters> make_posters(const std::string& path, const Views& views) {
   auto field = SLF_TRY(Field::open(path));
   if (!views.state.empty()) field = SLF_TRY(field.in_state(views.state));
   if (has_structures(field)) {
+    const std::vector<std::string> all{"*"};
+    const auto looks = SLF_TRY(parse_structures(views.structures ? *views.structures : all));
     std::vector<StructureLook> unknown;
-    auto shown = SLF_TRY(
-        structures_of(field, views.structures.value_or(std::vector<std::string>{"*"}), unknown));
+    auto shown = SLF_TRY(structures_of(field, looks, unknown));
     field = SLF_TRY(compose(field, std::move(shown)));
   }
   const Sphere& sphere = field.shape().sphere;
@@ -243,6 +249,73 @@ Result<void> export_site(const std::string& field, const std::string& input,
   return copy ? copy->publish(Existing::replace) : Result<void>();
 }
 
+/// Whether an export is one file.
+bool is_page_name(std::string_view output) {
+  return output.ends_with(".html") || output.ends_with(".htm");
+}
+
+/// The size of the largest field, with its index, whose export as one HTML file or as a folder has
+/// at most `max_bytes` bytes; 0 if the page alone is larger.
+std::uint64_t room_for_field(std::uint64_t max_bytes, bool one_file) {
+  // What is around scripts and pieces, and posters.
+  std::uint64_t page = 65536 + 2 * (kMaxPosterBytes / 3 * 4 + 4);
+  for (const PageFile& file : page_files()) {
+    if (!one_file || file.name != kModuleFile) page += file.bytes.size();
+    if (file.name == kModuleFile) page += file.bytes.size() / 3 * 4 + 4;  // base64
+  }
+  if (max_bytes <= page) return 0;
+  return one_file ? (max_bytes - page) / 4 * 3 : max_bytes - page;  // base64
+}
+
+/// The errors of export_field() that can be found before any work.
+Result<void> check_export(const std::string& input, const std::string& output, Existing existing) {
+  if (page_files().empty()) return fail(ErrorCode::unsupported, no_page());
+  if (is_page_name(output)) return check_output(output, {&input, 1}, existing);
+  std::error_code ignored;
+  if (existing == Existing::keep && fs::is_directory(output, ignored) &&
+      !fs::is_empty(output, ignored))
+    return fail_without("replace in", ErrorCode::usage, output, ": is not empty");
+  for (const std::string_view name : {kIndexFile, kStyleFile, kScriptFile, kModuleFile,
+                                      kModuleScriptFile, kViewsFile, kDarkPoster, kLightPoster})
+    SLF_TRY(check_output((fs::path(output) / name).string(), {&input, 1}));
+  const std::string target = (fs::path(output) / kFieldFile).string();
+  return is_same_file(input, target) ? Result<void>() : check_output(target, {&input, 1});
+}
+
+/// Makes a smaller field if the options request one, and returns its descriptor; otherwise the
+/// field is exported unchanged, as are several states for the sake of their light, since they would
+/// be encoded again. It is made beside the output and loses its name at once, so that nothing
+/// remains if the process is killed.
+Result<std::optional<int>> repack_if_requested(const Field& field, std::string output,
+                                               const ExportOptions& options,
+                                               const ProgressCallback& progress) {
+  const auto states = SLF_TRY(state_sources(field, options.states));
+  RepackOptions repack = options.repack;
+  repack.light = false;  // views do not need it
+  const bool limited = options.max_size > 0, one_file = is_page_name(output);
+  const std::uint64_t room = room_for_field(options.max_size, one_file);
+  if (limited && room == 0)
+    return fail_without("max_size", ErrorCode::usage,
+                        "the page alone is larger; allow 1MiB or more");
+  const auto light = field.light();
+  const bool drops_light = states.size() == 1 && (!light || !light->empty());
+  const bool as_it_is = !drops_light && options.states.empty() && !repack.levels &&
+                        repack.codec.empty() && repack.depth;
+  // In a folder, a field without an index gets one and so becomes larger; a repacked one has it.
+  const bool fits = !limited || (one_file && field.file_bytes() <= room);
+  if (as_it_is && fits) return std::nullopt;
+  while (output.size() > 1 && output.back() == '/') output.pop_back();
+  const std::string path = output + ".exporting";
+  std::error_code ignored;
+  if (fs::exists(fs::symlink_status(path, ignored)))
+    return misuse(path, "exists; move or remove it: the export needs its name");
+  SLF_TRY(limited ? repack_to_fit(states, path, repack, room, progress)
+                  : join_states(states, path, repack, progress));
+  const int file = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
+  ::unlink(path.c_str());
+  return file;
+}
+
 }  // namespace
 
 std::string escape_html(std::string_view text) {
@@ -259,41 +332,24 @@ std::string page_with(std::string_view attributes, std::string_view content) {
   return html;
 }
 
-std::uint64_t room_for_field(std::uint64_t max_bytes, bool one_file) {
-  // What is around scripts and pieces, and posters.
-  std::uint64_t page = 65536 + 2 * (kMaxPosterBytes / 3 * 4 + 4);
-  for (const PageFile& file : page_files()) {
-    if (!one_file || file.name != kModuleFile) page += file.bytes.size();
-    if (file.name == kModuleFile) page += file.bytes.size() / 3 * 4 + 4;  // base64
+Result<Field> export_field(const std::string& input, const std::string& output,
+                           const ExportOptions& options, const ProgressCallback& tiles,
+                           const ProgressCallback& bytes) {
+  SLF_TRY(check_export(input, output, options.existing));
+  const auto field = SLF_TRY(Field::open(input));
+  auto views = SLF_TRY(parse_views(options.views, field.shape().sphere));
+  const auto smaller = SLF_TRY(repack_if_requested(field, output, options, tiles));
+  const std::shared_ptr<void> closed(nullptr, [&](void*) {
+    if (smaller) ::close(*smaller);
+  });
+  const auto exported = SLF_TRY(smaller ? Field::open(path_of_descriptor(*smaller)) : field);
+  if (auto begun = begin_with(options.first, exported, views); !begun) {
+    if (!smaller || !begin_with(options.first, field, views)) return tl::unexpected(begun.error());
+    return fail(ErrorCode::usage, "what the page shows first is not among the states to keep");
   }
-  if (max_bytes <= page) return 0;
-  return one_file ? (max_bytes - page) / 4 * 3 : max_bytes - page;  // base64
-}
-
-bool is_page_name(std::string_view output) {
-  return output.ends_with(".html") || output.ends_with(".htm");
-}
-
-Result<void> check_export(const std::string& input, const std::string& output, Existing existing) {
-  if (page_files().empty()) return fail(ErrorCode::unsupported, no_page());
-  if (is_page_name(output)) return check_output(output, {&input, 1}, existing);
-  std::error_code ignored;
-  if (existing == Existing::keep && fs::is_directory(output, ignored) &&
-      !fs::is_empty(output, ignored))
-    return fail_without("replace in", ErrorCode::usage, output, ": is not empty");
-  for (const std::string_view name : {kIndexFile, kStyleFile, kScriptFile, kModuleFile,
-                                      kModuleScriptFile, kViewsFile, kDarkPoster, kLightPoster})
-    SLF_TRY(check_output((fs::path(output) / name).string(), {&input, 1}));
-  const std::string target = (fs::path(output) / kFieldFile).string();
-  return is_same_file(input, target) ? Result<void>() : check_output(target, {&input, 1});
-}
-
-Result<void> export_field(const std::string& field, const std::string& input,
-                          const std::string& output, const Views& views, Existing existing,
-                          const ProgressCallback& progress) {
-  SLF_TRY(check_export(input, output, existing));
-  return is_page_name(output) ? export_page(field, input, output, views, progress)
-                              : export_site(field, input, output, views, progress);
+  SLF_TRY(is_page_name(output) ? export_page(exported.path(), input, output, views, bytes)
+                               : export_site(exported.path(), input, output, views, bytes));
+  return exported;
 }
 
 }  // namespace slf::view

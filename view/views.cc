@@ -93,6 +93,13 @@ std::string escaped(const std::string& text) {
   return result;
 }
 
+/// That of the page's element for the structures that it shows first.
+std::string attribute(const std::vector<std::string>& structures) {
+  std::string shown;
+  for (const std::string& one : structures) shown += (shown.empty() ? "" : ",") + escaped(one);
+  return " structures=\"" + escape_html(shown) + "\"";
+}
+
 }  // namespace
 
 Result<ViewsFile> read_views(const std::string& path) {
@@ -141,25 +148,32 @@ Result<Views> parse_views(const ViewsFile& file, const Sphere& sphere) {
     views.attributes = " view=\"" + views.first + "\"";
     if (list[0].contains("structures")) {
       views.structures = list[0]["structures"].get<std::vector<std::string>>();
-      std::string shown;
-      for (const std::string& one : *views.structures)
-        shown += (shown.empty() ? "" : ",") + escaped(one);
-      views.attributes += " structures=\"" + escape_html(shown) + "\"";
+      views.attributes += attribute(*views.structures);
     }
   }
   return views;
 }
 
-void begin_with(const std::string& state, const Field& field, Views& views) {
-  if (state.empty()) return;
-  const bool structure = has_structures(field);
-  if (structure)
-    views.structures = {state};
-  else
-    views.state = state;
-  views.attributes = (structure ? " structures=\"" + escape_html(escaped(state))
-                                : " state=\"" + escape_html(state)) +
-                     "\"" + views.attributes;
+Result<void> begin_with(const First& first, const Field& field, Views& views) {
+  std::vector<StructureLook> looks = first.structures, unknown;
+  if (!first.state.empty()) {
+    const auto shown = SLF_TRY(field.in_state(first.state));
+    const std::string name = field.states().empty() ? "" : field.states()[shown.state()];
+    if (has_structures(field) && looks.empty())
+      looks.push_back({name});
+    else if (views.state = name; !name.empty())
+      views.attributes = " state=\"" + escape_html(name) + "\"" + views.attributes;
+  }
+  if (looks.empty()) return {};
+  if (!has_structures(field))
+    return fail(ErrorCode::usage, field.path(),
+                ": has no structures that its page could choose from");
+  SLF_TRY(structures_of(field, looks, unknown));
+  if (!unknown.empty()) return field.in_state(unknown[0].name).map([](const Field&) {});
+  views.structures.emplace();
+  for (const StructureLook& look : looks) views.structures->push_back(text_of(look));
+  views.attributes = attribute(*views.structures) + views.attributes;
+  return {};
 }
 
 }  // namespace slf::view

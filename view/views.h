@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "field/structure_looks.h"
 #include "slf/error.h"
 #include "slf/field.h"
 #include "slf/shape.h"
@@ -37,7 +38,12 @@ struct Views {
 /// there.
 [[nodiscard]] Result<Views> parse_views(const ViewsFile& file, const Sphere& sphere);
 
-/// Lets the page of a field begin with one of its states, or the structure of that name.
-void begin_with(const std::string& state, const Field& field, Views& views);
+/// What the page of a field shows first, in place of what its views say.
+struct First {
+  std::string state{};  ///< of the object, by its name or number; empty: state 0
+  std::vector<StructureLook> structures{};  ///< that are shown; none: as the views say, or all
+};
+/// Adds what is shown first to views. usage: the field has no such state or structure.
+[[nodiscard]] Result<void> begin_with(const First& first, const Field& field, Views& views);
 
 }  // namespace slf::view

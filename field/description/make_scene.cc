@@ -324,4 +324,36 @@ Result<std::unique_ptr<Scene>> make_scene(const SceneDescription& d) {
   return volume_scene(d);
 }
 
+Result<std::vector<NamedScene>> make_label_scenes(SceneDescription d) {
+  if (!d.volume && !d.labels_volume) {
+    if (d.check) SLF_TRY(d.check(d.files()));
+    auto volume = SLF_TRY(read_volume(d));
+    note_all(d, volume.source, std::exchange(volume.notes, {}));
+    volume.share();
+    d.volume = std::make_shared<const Volume>(std::move(volume));
+  }
+  std::vector<NamedScene> made;
+  const auto groups = SLF_TRY(label_groups(d));
+  const auto notes = d.on_note;
+  for (const LabelGroup& group : groups) {
+    d.only_labels = group.ids;
+    auto visible = make_scene(d);
+    const char* const choice = visible ? nullptr : visible.error().choice;
+    if (choice && std::string_view(choice) == "only_labels" &&
+        (!made.empty() || &group != &groups.back())) {
+      if (notes) notes(group.name + ": no voxel of it is visible, so it is no state", {});
+      continue;
+    }
+    std::shared_ptr<const Scene> scene = SLF_TRY(std::move(visible));
+    if (made.empty()) {
+      SLF_TRY(scene->prepare());
+      d.on_note = {};
+    } else if (const auto light = made[0].scene->light(); !light.empty()) {
+      (void)scene->set_light(light);
+    }
+    made.push_back({group.name, std::move(scene)});
+  }
+  return made;
+}
+
 }  // namespace slf

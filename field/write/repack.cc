@@ -192,4 +192,17 @@ Result<RepackReport> repack_field(const Field& field, const std::string& path,
   return guarded([&] { return repack(field, path, options, progress); });
 }
 
+Result<std::vector<StateSource>> state_sources(const Field& field,
+                                               std::span<const std::string> chosen) {
+  const std::vector<std::string> names = field.states();
+  std::vector<StateSource> states;
+  if (chosen.empty() && (names.empty() || field.structures()))
+    states.push_back({std::filesystem::path(field.path()).stem(), field});
+  for (const std::string& name : chosen.empty() ? std::span<const std::string>(names) : chosen) {
+    const auto one = SLF_TRY(field.in_state(name));
+    states.push_back({names.empty() ? "" : names[one.state()], one});
+  }
+  return states;
+}
+
 }  // namespace slf

@@ -65,7 +65,7 @@ class Field {
   /// The state that this shows: 0 after open().
   [[nodiscard]] unsigned state() const;
   /// Another state, of the same snapshot. To all that reads it, it is a field of its own. usage:
-  /// there is no such state. Other errors as open().
+  /// there is no such state. Other errors as open(). `name` may also be the number of a state.
   [[nodiscard]] Result<Field> in_state(unsigned state) const;
   [[nodiscard]] Result<Field> in_state(const std::string& name) const;
   /// The source and the settings of the build: a JSON object without a fixed schema. Of a composed

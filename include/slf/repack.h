@@ -66,11 +66,16 @@ struct StateSource {
   Field field;
 };
 
+/// The states of `field` that are `chosen` by their names or numbers, or all. A field without
+/// states, or composed, is one, with the name of its file. usage: there is no such state.
+[[nodiscard]] Result<std::vector<StateSource>> state_sources(const Field& field,
+                                                             std::span<const std::string> chosen);
+
 /// Writes a field of some states, of one or several fields with one sphere, lattice and format. One
 /// state: repack_field().
 /// Tiles whose decoded samples are equal are stored once. All are encoded again, as by
-/// repack_field(), which has the options and errors. usage: fields that do not fit together; a state
-/// without a name, or with that of another. tile_missing: a field is not complete.
+/// repack_field(), which has the options and errors. usage: fields that do not fit together; a
+/// state without a name, or with that of another. tile_missing: a field is not complete.
 [[nodiscard]] Result<RepackReport> join_states(std::span<const StateSource> states,
                                                const std::string& path,
                                                const RepackOptions& options,

@@ -98,8 +98,19 @@ struct LabelGroup {
   std::vector<std::int64_t> ids;
 };
 /// The visible structures of the label volume, or of the volume of labels at `input`, by their
-/// least ids. usage: there is none. Else errors as read_volume() and read_label_table().
+/// least ids; with `only_labels`, of these. usage: none is visible. Else errors as read_volume()
+/// and read_label_table().
 [[nodiscard]] Result<std::vector<LabelGroup>> label_groups(const SceneDescription& description);
+
+/// A scene, and the name of the state that it is of.
+struct NamedScene {
+  std::string name;
+  std::shared_ptr<const Scene> scene;
+};
+/// A scene for each of the label_groups(), which shows it alone under the light of all: what is
+/// hidden keeps its shadows. The volume is read once, and the light computed, unless it is direct.
+/// Errors as label_groups() and make_scene().
+[[nodiscard]] Result<std::vector<NamedScene>> make_label_scenes(SceneDescription description);
 
 /// The volume at `input`. Errors as read_volume(path, options), and bad_file for what has cameras.
 [[nodiscard]] Result<Volume> read_volume(const SceneDescription& description);

@@ -9,12 +9,12 @@ from typing import Any, Callable, Mapping, Sequence, Unpack
 import numpy as np
 
 from . import _slf
-from ._field import (AnyCamera, Field, Path, Size, camera_tuple, check_dtype, finished_picture,
-                     is_half, path_text)
+from ._field import (AnyCamera, Field, Path, Size, State, camera_tuple, check_dtype,
+                     finished_picture, is_half)
 from ._errors import UsageError
 from ._progress import Progress, reporter
 from ._rays import Function, Scene
-from ._source import Settings, scene_of
+from ._source import Settings, scenes_of
 from ._types import Picture, Sphere, finite, orbit, point
 
 
@@ -22,7 +22,8 @@ def build(source: Any, out: Path, *, entry: int = 8, exit: int = 32, finest_leve
           entry_extra_levels: int = 0, codec: str = "predictive:90",
           depth: bool = True, color_type: str = "u8",
           center: Sequence[float] | None = None, radius: float | None = None,
-          states: Sequence[Mapping[str, Any]] = (), shard: tuple[int, int] = (1, 1),
+          states: Sequence[Mapping[str, Any]] = (), each_label: bool = False,
+          shard: tuple[int, int] = (1, 1),
           only_levels: tuple[int | None, int | None] = (None, None), coarser: Path = "",
           threads: int = 0, commit_every: float = 5,
           force: bool = False, progress: Progress = None, **settings: Unpack[Settings]) -> Field:
@@ -49,11 +50,14 @@ def build(source: Any, out: Path, *, entry: int = 8, exit: int = 32, finest_leve
     states: variants of the object, for one field: for each {"name": ..., other settings}, which are
         taken before those of this call; "source": another source; "light_from": the name of an
         earlier state that differs by `clip` or structures and whose light this one has.
+    each_label: a state for each label of the volume, or of `labels=`; those of one name are one.
+        The field is drawn with all of them, or with some: Field.render(structures=...).
     shard: (k, n), the k-th of n parts, from 1, for slf.merge().
     only_levels, coarser: as --only-levels and --coarser of `slf build`.
     threads: 0: all.  commit_every: seconds between commits, which a kill can lose.
     force: replace another field at `out`, once this one is complete.
-    progress: counts paths of light, then rays.
+    progress: True: a bar of tqdm; or a function (done, total, skipped), which ends the call if it
+        returns False. Counts paths of light, then rays.
 
     settings: slf.Settings, whose documentation says what each does.
 
@@ -62,45 +66,29 @@ def build(source: Any, out: Path, *, entry: int = 8, exit: int = 32, finest_leve
     slf.UnsupportedError, slf.FailedError if `progress` returned False, MemoryError, and whatever
     `progress` or a scene raises. KeyboardInterrupt ends it, too; finished tiles are kept.
     """
-    path = path_text(out)
     half = is_half(color_type)
     if isinstance(source, Scene):
         threads = threads or source.processes  # a thread waits for each process
-    folder = os.path.dirname(path) or None
+    folder = os.path.dirname(os.fspath(out)) or None
     finite("commit_every", commit_every)
     whole = None if center is None or radius is None else Sphere(point(center), float(radius))
-    with contextlib.ExitStack() as stack:
-        scenes: list[tuple[str, _slf.Scene]] = []
-        for state in states or ({"name": ""},):
-            name, lit_by = state.get("name", ""), state.get("light_from")
-            changed = {key: value for key, value in state.items()
-                       if key not in ("name", "light_from")}
-            own: Any = {"source": source, **settings, **changed}
-            if own.get("light_file"):
-                own["light_file"] = path_text(own["light_file"]).replace(
-                    "{state}", name.replace("/", "_"))
-            scene = stack.enter_context(scene_of(own.pop("source"), linear=half, folder=folder,
-                                                 threads=threads, sphere=whole, **own))
-            if lit_by is not None:
-                if lit_by not in dict(scenes):
-                    raise UsageError(f"light_from: no earlier state is named {lit_by!r}")
-                scene.share_light(dict(scenes)[lit_by])
-            scenes.append((name, scene))
+    with contextlib.ExitStack() as stack, reporter(progress, "build") as report:
+        scenes = scenes_of(stack, source, states=states, each_label=each_label, report=report,
+                           linear=half, folder=folder, threads=threads, sphere=whole, **settings)
         bounds = scenes[0][1].bounds
         sphere = Sphere(bounds.center if center is None else point(center),
                         bounds.radius if radius is None else float(radius))
-        finite("center and radius", (*sphere.center, sphere.radius))
-        with reporter(progress, "build") as report:
-            built = _slf.build(scenes, path, sphere, entry, exit, finest_level, entry_extra_levels,
-                               codec, depth, half, threads, float(commit_every), force, shard,
-                               only_levels, path_text(coarser), report)
-    field = Field(path, threads=threads)
+        built = _slf.build(scenes, out, sphere, entry, exit, finest_level, entry_extra_levels,
+                           codec, depth, half, threads, float(commit_every), force, shard,
+                           only_levels, coarser, report)
+    field = Field(out, threads=threads)
     field.build_report = built
     return field
 
 
-def build_rays(fn: Callable[..., Any], sphere: Any, out: Path, *, batch: int = 65536,
-               processes: int = 0, provenance: Mapping[str, Any] = {}, **settings: Any) -> Field:
+def build_rays(fn: Callable[..., Any], sphere: tuple[Sequence[float], float], out: Path, *,
+               batch: int = 65536, processes: int = 0, provenance: Mapping[str, Any] = {},
+               **settings: Any) -> Field:
     """Builds a field from a function of rays: fn(origins, targets) -> rgba or (rgba, depth).
 
     fn: vectorised, as Scene.trace().  sphere: (center, radius) around everything visible.
@@ -114,16 +102,21 @@ def build_rays(fn: Callable[..., Any], sphere: Any, out: Path, *, batch: int = 6
 
 def raycast(source: Any, camera: AnyCamera = orbit(), size: Size = (512, 512), *,
             depth: bool = False, dtype: Any = np.float32, background: Sequence[float] | None = None,
-            threads: int = 0, progress: Progress = None, **settings: Unpack[Settings]) -> Any:
+            states: Sequence[Mapping[str, Any]] = (), state: State = 0, threads: int = 0,
+            progress: Progress = None, **settings: Unpack[Settings]) -> Any:
     """A picture of the source itself, without a field: one ray per pixel.
 
-    source and settings are those of build(), results those of Field.render(). progress counts
-    rows.
+    source and settings are those of build(), results those of Field.render().
+    states, state: those of build(), and the one to draw, in the view around the first.
+    progress: counts rows.
     """
     check_dtype(dtype)
-    with scene_of(source, threads=threads, **settings) as scene:
-        with reporter(progress, "raycast") as report:
-            colors, distance = scene.raycast(camera_tuple(scene.bounds, camera, size), threads,
-                                             report)
+    with contextlib.ExitStack() as stack, reporter(progress, "raycast") as report:
+        scenes = scenes_of(stack, source, states=states, threads=threads, **settings)
+        known: dict[State, Any] = {k: scene for k, (_, scene) in enumerate(scenes)} | dict(scenes)
+        if state not in known:
+            raise UsageError(f"no state {state!r}; there are {', '.join(dict(scenes)) or 'none'}")
+        view = camera_tuple(scenes[0][1].bounds, camera, size)
+        colors, distance = known[state].raycast(view, threads, report)
     picture = finished_picture(colors, dtype, background)
     return Picture(picture, distance) if depth else picture

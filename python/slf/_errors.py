@@ -51,13 +51,9 @@ class BadFileError(Error, ValueError):
 class FailedError(Error, RuntimeError):
     """A correct request could not be completed."""
 
-    code = 4
-
 
 class OutOfMemoryError(Error, MemoryError):
     """There is not enough memory."""
-
-    code = 4
 
 
 class UnsupportedError(Error, NotImplementedError):

@@ -8,35 +8,35 @@ import json
 import os
 import warnings
 import weakref
-from types import TracebackType
-from typing import Any, Iterator, Mapping, Sequence, Union, Unpack, overload
+from operator import attrgetter
+from typing import Any, Callable, Literal, Mapping, Sequence, Union, Unpack, overload
 
 import numpy as np
 
 from . import _slf
-from ._errors import UnsupportedError, UsageError
+from ._errors import UsageError
 from ._notebook import View, bundle, server_base
 from ._progress import Progress, reporter
-from ._source import SourceSettings, scene_of
-from ._types import (BuildReport, Camera, Content, Difference, Evaluation, Frame, Look, Measurement,
-                     MergeReport, Orbit, PickedPoint, Picture, RepackReport, Shape, Sphere, Tile,
-                     Tone, VerifyReport, finite, orbit)
+from ._source import SourceSettings, scenes_of
+from ._types import (BuildReport, Camera, Content, Difference, Evaluation, ExportReport, Frame,
+                     Look, Measurement, MergeReport, Orbit, PickedPoint, Picture, RepackReport,
+                     Shape, Sphere, Tile, Tone, VerifyReport, finite, orbit)
 
 Path = str | os.PathLike[str]
+Array = np.ndarray[Any, Any]
 AnyCamera = Orbit | Camera
 Size = tuple[int, int]
 LevelName = int | str
 State = int | str
 """The number of a state, from 0, or its name."""
-Structures = Mapping[Union["Field", Path], float | Look]
+Structures = Mapping[Union["Field", Path], float | Look] | Sequence[Path]
+"""Names of a field's states, patterns such as "left *", or fields or paths of others on its sphere,
+with an opacity, 0 to 1, or a Look of each; or a list of texts such as "left *:0.3:#ffd0b0", as
+`slf render --structure` takes them. Later ones replace earlier ones of the same state."""
 AnyViews = Path | dict[str, Any] | None
 
 _DEFAULT_MEMORY = 256 << 20
 _THUMBNAIL_MEMORY = 16 << 20
-
-
-def path_text(path: Path) -> str:
-    return os.fspath(path)
 
 
 def camera_tuple(sphere: Sphere, camera: AnyCamera, size: Size) -> tuple[Any, ...]:
@@ -45,15 +45,13 @@ def camera_tuple(sphere: Sphere, camera: AnyCamera, size: Size) -> tuple[Any, ..
     if width < 1 or height < 1 or width * height > 1 << 28:
         raise UsageError(f"size {size}: expected (width, height), at least 1 and at most 2^28 "
                          "pixels")
-    for values in camera:
-        finite("camera", values)
     if isinstance(camera, Orbit):
         return _slf.orbit_camera(sphere, tuple(camera), width, height)
     return (*camera, width, height)
 
 
-def finished_picture(rgba: np.ndarray, dtype: Any,
-                     background: Sequence[float] | None) -> np.ndarray:
+def finished_picture(rgba: Array, dtype: Any,
+                     background: Sequence[float] | None) -> Array:
     """Composites over a background and converts to the type that was asked for."""
     if background is not None:
         finite("background", background)
@@ -64,32 +62,50 @@ def finished_picture(rgba: np.ndarray, dtype: Any,
     return rgba
 
 
-def check_dtype(dtype: Any) -> np.dtype:
+def check_dtype(dtype: Any) -> np.dtype[Any]:
     if np.dtype(dtype) not in (np.float32, np.uint8):
         raise UsageError(f"dtype {dtype}: expected float32 or uint8")
     return np.dtype(dtype)
+
+
+def _fact(name: str, doc: str, of: Callable[[Any], Any] = lambda value: value) -> Any:
+    """A property of Field that the extension module has."""
+    return property(lambda self: of(attrgetter(name)(self._field)), doc=doc)
+
+
+def _looks(structures: Structures) -> list[Any]:
+    """Structures as the extension module takes them."""
+    if isinstance(structures, (str, os.PathLike)):
+        return [structures]
+    if not isinstance(structures, Mapping):
+        return list(structures)
+    return [(key._field if isinstance(key, Field) else key,
+             *(look if isinstance(look, Look) else Look(look)))
+            for key, look in structures.items()]
 
 
 class Field:
     """An open sphere light field: a snapshot of its file, read-only.
 
     Opened by slf.open() and slf.build(). A context manager. Any thread may use it; one view is
-    drawn at a time. Pictures and tiles outlive it.
+    drawn at a time. Pictures and tiles outlive it. Pickled by path.
+
+    A field of structures (slf.build(each_label=True)) is drawn, measured and evaluated with all of
+    them, unless structures= or state= choose others; of other fields with states, the first one is.
     """
 
     def __init__(self, path: Path, *, memory: int = _DEFAULT_MEMORY, threads: int = 0,
-                 state: State = 0, progress: Progress = None) -> None:
+                 state: State | None = None, progress: Progress = None) -> None:
         self._open: _slf.Field | None = None
         self._opened_with = (path, memory, threads, state)
         self._structures: Structures | None = None
-        self._composed: tuple[Any, Field] | None = None
+        self._composed: tuple[Structures | None, _slf.Field] | None = None
         self._others: dict[State, Field] = {}
-        self._server: _slf.Server | None = None
+        self._servers: dict[str, _slf.Server] = {}
         with reporter(progress, "fetch") as report:
-            self._open = _slf.Field(path_text(path), memory, threads, report)
-        if state != 0:
+            self._open = _slf.Field(path, memory, threads, report)
+        if state is not None:
             self._open = self._open.in_state(state)
-        self._shape: Shape = self._open.shape
         self.build_report: BuildReport | None = None
         """What slf.build() did, if it opened this field."""
 
@@ -105,9 +121,8 @@ class Field:
         """Closes the file. A second call does nothing."""
         self._open = self._composed = None
         self._others.clear()
-        if self._server is not None:
-            self._server.close()
-            self._server = None
+        while self._servers:
+            self._servers.popitem()[1].close()
 
     @property
     def closed(self) -> bool:
@@ -117,8 +132,7 @@ class Field:
         self._field
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, value: BaseException | None,
-                 trace: TracebackType | None) -> None:
+    def __exit__(self, *raised: Any) -> None:
         self.close()
 
     def __reduce__(self) -> Any:
@@ -128,69 +142,26 @@ class Field:
     def __repr__(self) -> str:
         if self._open is None:
             return "<slf.Field, closed>"
-        return f"<slf.Field {self.path!r}, levels 0 to {self.finest_level}>"
+        states = f", {len(self.states)} states" if self.states else ""
+        return f"<slf.Field {self.path!r}, levels 0 to {self.finest_level}{states}>"
 
     # -- content ----------------------------------------------------------------------------------
 
-    @property
-    def path(self) -> str:
-        return self._field.path
-
-    @property
-    def shape(self) -> Shape:
-        return self._shape
-
-    @property
-    def sphere(self) -> Sphere:
-        return self._shape.sphere
-
-    @property
-    def finest_level(self) -> int:
-        """Levels 0 to this can be drawn."""
-        return self._shape.finest_level
-
-    @property
-    def format(self) -> str:
-        """Of samples: "rgba8", "rgba16f", "rgba8_depth8" or "rgba16f_depth8"."""
-        return self._field.format
-
-    @property
-    def codec(self) -> str:
-        return self._field.codec
-
-    @property
-    def has_depth(self) -> bool:
-        return self._field.has_depth
-
-    @property
-    def linear(self) -> bool:
-        """Whether colours are linear radiance, which pictures are tone-mapped from."""
-        return self._field.linear
-
-    @property
-    def manifest(self) -> Any:
-        """The manifest, parsed (FORMAT.md)."""
-        return json.loads(self._field.manifest)
-
-    @property
-    def provenance(self) -> Any:
-        """The source and the settings of the build."""
-        return json.loads(self._field.provenance)
-
-    @property
-    def file_bytes(self) -> int:
-        return self._field.file_bytes
-
-    @property
-    def states(self) -> tuple[str, ...]:
-        """The names of the states, variants of the object that the file holds; () if there is just
-        one."""
-        return self._field.states
-
-    @property
-    def state(self) -> int:
-        """The state that this shows; 0 unless another was asked for."""
-        return self._field.state
+    path: str = _fact("path", "The file or address that was opened.")
+    shape: Shape = _fact("shape", "How it samples its sphere.")
+    sphere: Sphere = _fact("shape.sphere", "Around the object, in world units.")
+    finest_level: int = _fact("shape.finest_level", "Levels 0 to this can be drawn.")
+    format: str = _fact("format", '''Of samples: "rgba8", "rgba16f", "rgba8_depth8" or
+        "rgba16f_depth8".''')
+    codec: str = _fact("codec", "As in slf.build().")
+    has_depth: bool = _fact("has_depth", "Whether depths are stored beside colours.")
+    linear: bool = _fact("linear", "Whether colours are linear radiance, to be tone-mapped.")
+    file_bytes: int = _fact("file_bytes", "The size of the file.")
+    states: tuple[str, ...] = _fact("states", """The names of the states, variants of the object
+        that the file holds; () if there is just one.""")
+    state: int = _fact("state", "The state that this shows; 0 unless another was asked for.")
+    manifest: Any = _fact("manifest", "The manifest, parsed (FORMAT.md).", json.loads)
+    provenance: Any = _fact("provenance", "The source and settings of the build.", json.loads)
 
     def in_state(self, state: State) -> Field:
         """The same file in another state, by its name or number: a field of its own, with its own
@@ -204,8 +175,21 @@ class Field:
         """A field that shows something else of the same file."""
         other = object.__new__(Field)
         other.__dict__.update(self.__dict__, _open=opened, _structures=structures, _composed=None,
-                              _others={}, _server=None)
+                              _others={}, _servers={})
         return other
+
+    def _drawn(self, state: State | None, structures: Structures | None) -> _slf.Field:
+        """What calls with these arguments draw."""
+        if structures is None:
+            if state is not None:
+                return self.in_state(state)._field
+            if self._structures is not None or self._opened_with[3] is not None or not self.states:
+                return self._field
+        if self._composed is None or self._composed[0] != structures:
+            kept = dict(structures) if isinstance(structures, Mapping) else structures
+            looks = None if structures is None else _looks(structures)
+            self._composed = kept, self._field.compose(looks)
+        return self._composed[1]
 
     def content(self) -> Content:
         """Counts the tiles and bytes of each level, of this state.
@@ -230,16 +214,16 @@ class Field:
 
     @overload
     def render(self, camera: AnyCamera = ..., size: Size = ..., mode: str | None = ...,
-               level: LevelName = ..., *, dtype: Any = ...,
+               level: LevelName = ..., *, depth: Literal[False] = ..., dtype: Any = ...,
                background: Sequence[float] | None = ..., tone: Tone | None = ...,
                state: State | None = ...,
-               structures: Structures | None = ...) -> np.ndarray: ...
+               structures: Structures | None = ...) -> Array: ...
 
     @overload
     def render(self, camera: AnyCamera = ..., size: Size = ..., mode: str | None = ...,
-               level: LevelName = ..., *, depth: bool, dtype: Any = ...,
+               level: LevelName = ..., *, depth: Literal[True], dtype: Any = ...,
                background: Sequence[float] | None = ..., tone: Tone | None = ...,
-               state: State | None = ..., structures: Structures | None = ...) -> Any: ...
+               state: State | None = ..., structures: Structures | None = ...) -> Picture: ...
 
     def render(self, camera: AnyCamera = orbit(), size: Size = (512, 512),
                mode: str | None = None, level: LevelName = "finest", *, depth: bool = False,
@@ -258,21 +242,16 @@ class Field:
         background: an RGB colour, each 0 to 1, to composite over; alpha is then 1.
         tone: how to show linear radiance; default: as it is for float32 without a background,
             else Tone().
-        state: that of in_state(); default: the one that this shows.
+        state: that of in_state(); default: the one that this shows, or all structures.
         structures: what to draw together instead, as for compose(). The last ones stay open.
 
         Raises slf.UsageError for an invalid camera, level, mode or state, slf.BadFileError for a
         damaged tile.
         """
-        if structures is not None:
-            if self._composed is None or self._composed[0] != structures:
-                self._composed = dict(structures), self.compose(structures)
-            return self._composed[1].render(camera, size, mode, level, depth=depth, dtype=dtype,
-                                            background=background, tone=tone)
         display = check_dtype(dtype) == np.uint8 or background is not None
-        shown = self if state is None else self.in_state(state)
-        colors, distance = shown._field.render(camera_tuple(self.sphere, camera, size), mode,
-                                              self._level(level), depth, tone, display, None)
+        colors, distance = self._drawn(state, structures).render(
+            camera_tuple(self.sphere, camera, size), mode, self._level(level), depth, tone, display,
+            None)
         picture = finished_picture(colors, dtype, background)
         return Picture(picture, distance) if depth else picture
 
@@ -280,53 +259,50 @@ class Field:
         """The field that shows structures together, in place of what this one shows: along each
         stored ray, the nearest over those behind it.
 
-        structures: names of this field's states, or fields or paths of others on its sphere, and an
-            opacity, 0 to 1, or a Look of each. Those of opacity 0 are not read. At one depth, the
-            first ones are in front.
+        structures: names of this field's states, or fields or paths of others on its sphere, and
+            an opacity, 0 to 1, or a Look of each; or texts as of `slf render --structure`. Those of
+            opacity 0 are not read. At one depth, states are in front, in their order.
 
-        It is drawn, played, measured and evaluated as others are, but not shown in a page.
+        It is drawn, played, measured and evaluated as others are; its page begins with these
+        structures, if all are of this field.
         Raises slf.UsageError for structures without depth, or on another sphere or lattice, or with
-        another kind of colours.
+        another kind of colours, and for a name that neither a state nor a file has.
         """
-        looks = [(key, look if isinstance(look, Look) else Look(look))
-                 for key, look in structures.items()]
-        layers = [((key if isinstance(key, Field) else
-                    self.in_state(key) if isinstance(key, str) and key in self.states else
-                    Field(key))._field, *look)
-                  for key, look in looks if look.opacity != 0]
-        return self._variant(self._field.compose(layers), dict(structures))
+        return self._variant(self._field.compose(_looks(structures)), structures)
 
     def pick(self, x: float, y: float, camera: AnyCamera = orbit(),
-             size: Size = (512, 512)) -> PickedPoint | None:
+             size: Size = (512, 512), *, state: State | None = None,
+             structures: Structures | None = None) -> PickedPoint | None:
         """The point of the surface that a picture shows at a place; None if it is less than half
         opaque there.
 
         x, y: in pixels from the upper left corner; centres of pixels are at halves.
-        camera, size: of the picture, as in render().
+        camera, size, state, structures: of the picture, as in render().
 
         Raises slf.UsageError for a place outside the picture, and for a field without depths.
         """
-        return self._field.pick(camera_tuple(self.sphere, camera, size), x, y)
+        return self._drawn(state, structures).pick(camera_tuple(self.sphere, camera, size), x, y)
 
     def thumbnail(self, size: int = 256,
-                  background: Sequence[float] | None = (0, 0, 0)) -> np.ndarray:
-        """A small picture: uint8 [size, size, 4], over black. Reads coarse tiles, and keeps none.
-        """
-        colors, _ = self._field.render(camera_tuple(self.sphere, orbit(), (size, size)), None,
-                                       self._level("matching"), False, None, True,
-                                       _THUMBNAIL_MEMORY)
+                  background: Sequence[float] | None = (0, 0, 0)) -> Array:
+        """A small picture: uint8 [size, size, 4]. Reads coarse tiles, and keeps none."""
+        colors, _ = self._drawn(None, None).render(
+            camera_tuple(self.sphere, orbit(), (size, size)), None, self._level("matching"), False,
+            None, True, _THUMBNAIL_MEMORY)
         return finished_picture(colors, np.uint8, background)
 
     def player(self, mode: str | None = None, level: LevelName = "finest", loading: str = "ahead",
-               horizon: int = 8) -> Player:
+               horizon: int = 8, *, state: State | None = None,
+               structures: Structures | None = None) -> Player:
         """A player for the frames of a moving camera. It keeps the file open itself.
 
         loading: "ahead" loads tiles of predicted frames, "demand" those that frames lacked, both
             in the background; with "wait", frames wait for their tiles.
         horizon: frames to load ahead.
+        mode, level, state, structures: as in render().
         """
         number = self._level(level)
-        return Player(self, self._field.player(
+        return Player(self, self._drawn(state, structures).player(
             mode, self.finest_level if number is None else number, loading, horizon))
 
     # -- tiles ------------------------------------------------------------------------------------
@@ -338,7 +314,7 @@ class Field:
         """
         return self._field.tiles(level or 0, level, missing)
 
-    def tile(self, level: int, entry: int, exit: int, channel: str = "color") -> np.ndarray:
+    def tile(self, level: int, entry: int, exit: int, channel: str = "color") -> Array:
         """The samples of a tile: [entry vertices, exit vertices, 4] of premultiplied RGBA, uint8 or
         float16; or [entry vertices, exit vertices] of depth, uint8, 0 at entry, 255 at exit.
 
@@ -353,39 +329,42 @@ class Field:
 
     def _cameras(self, cameras: int | Sequence[AnyCamera], size: Size,
                  distance: float) -> list[tuple[Any, ...]]:
-        finite("distance", distance)
         if isinstance(cameras, int):
             return _slf.random_cameras(self.sphere, distance, cameras, 1, *size)
         return [camera_tuple(self.sphere, camera, size) for camera in cameras]
 
     def measure(self, cameras: int | Sequence[AnyCamera] = 8, size: Size = (512, 512),
                 mode: str | None = None, levels: Sequence[int] = (), *, distance: float = 3,
+                state: State | None = None, structures: Structures | None = None,
                 progress: Progress = None) -> Measurement:
         """Measures the memory that views need.
 
         cameras: a number of random ones at `distance` radii, or a list.
         levels: default: all.
+        mode, state, structures: as in render().
         progress: counts views.
         """
         with reporter(progress, "measure") as report:
-            return self._field.measure(self._cameras(cameras, size, distance), mode, list(levels),
-                                       report)
+            return self._drawn(state, structures).measure(
+                self._cameras(cameras, size, distance), mode, list(levels), report)
 
     def evaluate(self, scene: Any, cameras: int | Sequence[AnyCamera] = 8, size: Size = (256, 256),
                  mode: str | None = None, level: LevelName = "finest", *, distance: float = 3,
-                 supersample: int = 1, progress: Progress = None,
+                 supersample: int = 1, state: State | None = None,
+                 structures: Structures | None = None, progress: Progress = None,
                  **settings: Unpack[SourceSettings]) -> Evaluation:
         """Compares views with ray-cast ones of the field's scene: PSNR and SSIM, RGB over black.
 
         scene: what the field was built from.
+        mode, level, state, structures: as in render().
         settings: say how to read it, as in slf.build(). Light, rays and, unless it is given, the
             transfer function are those of the field; rays have a step of at most 0.5 voxels.
         """
-        with scene_of(scene, truth_of=self._field.provenance, **settings) as handle:
-            with reporter(progress, "evaluate") as report:
-                evaluation = _slf.evaluate(
-                    self._field, handle, self._cameras(cameras, size, distance), mode,
-                    self._level(level), supersample, report)
+        drawn = self._drawn(state, structures)
+        with contextlib.ExitStack() as stack, reporter(progress, "evaluate") as report:
+            [(_, truth)] = scenes_of(stack, scene, truth_of=drawn.provenance, **settings)
+            evaluation = _slf.evaluate(drawn, truth, self._cameras(cameras, size, distance),
+                                       mode, self._level(level), supersample, report)
         if evaluation.differs:
             warnings.warn(f"{self.path} was built from another source ({evaluation.differs} "
                           "differs): the figures compare two different objects", stacklevel=2)
@@ -393,8 +372,15 @@ class Field:
 
     # -- notebooks --------------------------------------------------------------------------------
 
-    def show(self, page: Path | None = None, *, views: AnyViews = None,
-             force: bool = False) -> View:
+    def _first(self, state: State | None, structures: Structures | None) -> tuple[str, list[Any]]:
+        """What a page shows first, as the extension module takes it."""
+        structures = self._structures if structures is None else structures
+        if state is None and structures is None:
+            state = self._opened_with[3]
+        return "" if state is None else str(state), _looks(structures or ())
+
+    def show(self, page: Path | None = None, *, views: AnyViews = None, state: State | None = None,
+             structures: Structures | None = None, force: bool = False) -> View:
         """The page of `slf view`, turned by the mouse, in a notebook; its `url` for a browser.
 
         A server on this machine sends the page the parts of the file that views need. It runs
@@ -404,24 +390,26 @@ class Field:
         page: a file .html beside the notebook, to write page and field to and to show.
         views: saved views and notes that the page shows: a file, or what such a file has
             (schemas/views.json).
+        state, structures: what the page shows first, as in render(); of this field only.
         force: replace that file, or write into a folder that has files in it.
 
-        Raises slf.UnsupportedError: slf was built without the page. slf.UsageError: `page` exists.
-        slf.BadFileError: `views` are none.
+        Raises slf.UnsupportedError: slf was built without the page. slf.UsageError: `page` exists,
+        or there is no such state or structure. slf.BadFileError: `views` are none.
         """
-        if self._structures is not None:
-            raise UnsupportedError(f"{self.path}: a page shows a file, not what is composed of it")
+        shown = dict(views=views, state=state, structures=structures)
         if page is not None:
-            export(self, page, views=views, force=force)
-            return View(path_text(page), self)
-        if self._server is None or views is not None:
+            export(self, page, views=views, state=state, structures=structures, force=force)
+            return View(os.fspath(page), self, shown)
+        first = self._first(state, structures)
+        key = repr((views, first))
+        if key not in self._servers or isinstance(views, (str, os.PathLike)):
             # A proxy passes on the name of its own host.
-            server = _slf.Server([self.path], *_views(views), server_base() is not None)
-            if self._server is not None:
-                self._server.close()
-            self._server = server
+            server = _slf.Server(self.path, *_views(views), server_base() is not None, *first)
+            if key in self._servers:
+                self._servers[key].close()
+            self._servers[key] = server
             _with_threads.add(self)
-        return View(self._server.url, self, views)
+        return View(self._servers[key].url, self, shown)
 
     def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> Any:
         return None if self._open is None else bundle(self)
@@ -448,7 +436,7 @@ class Player:
         self.close()
 
     def draw(self, camera: AnyCamera, size: Size = (512, 512), dtype: Any = np.float32,
-             background: Sequence[float] | None = None, tone: Tone | None = None) -> np.ndarray:
+             background: Sequence[float] | None = None, tone: Tone | None = None) -> Array:
         """The next frame, as Field.render(). Draws coarser levels where tiles are not loaded."""
         display = check_dtype(dtype) == np.uint8 or background is not None
         colors, self.report = self._player.draw(camera_tuple(self._sphere, camera, size),
@@ -471,13 +459,13 @@ def _end_threads() -> None:
         owner.close()
 
 
-def open(path: Path, *, memory: int = _DEFAULT_MEMORY, threads: int = 0, state: State = 0,
-         progress: Progress = None) -> Field:
+def open(path: Path, *, memory: int = _DEFAULT_MEMORY, threads: int = 0,
+         state: State | None = None, progress: Progress = None) -> Field:
     """Opens a field, complete or not: a file or an address, http:// or https://.
 
     memory: most bytes of decoded tiles.
     threads: for drawing; 0: all.
-    state: which of the field's states to show; Field.in_state() shows another.
+    state: which of the field's states to show; default: the first, or all that are structures.
     progress: counts the bytes of a remote field that must be fetched whole.
 
     Raises FileNotFoundError, slf.IoError, slf.BadFileError, slf.UnsupportedError (a newer format).
@@ -485,7 +473,7 @@ def open(path: Path, *, memory: int = _DEFAULT_MEMORY, threads: int = 0, state: 
     return Field(path, memory=memory, threads=threads, state=state, progress=progress)
 
 
-def _reopened(path: Path, memory: int, threads: int, state: State,
+def _reopened(path: Path, memory: int, threads: int, state: State | None,
               structures: Structures | None) -> Field:
     field = Field(path, memory=memory, threads=threads, state=state)
     return field if structures is None else field.compose(structures)
@@ -497,45 +485,46 @@ def verify(field: Field | Path, *, quick: bool = False, fix: bool = False, threa
 
     quick: structure and counts only.  fix: drop damaged tiles, so that a build makes them again.
     """
-    handle = field._field if isinstance(field, Field) else None
-    path = field.path if isinstance(field, Field) else path_text(field)
-    if fix:
-        handle = None
+    path, handle = (field.path, field._field) if isinstance(field, Field) else (field, None)
     with reporter(progress, "verify") as report:
-        return _slf.verify(path, handle, quick, fix, threads, report)
+        return _slf.verify(path, None if fix else handle, quick, fix, threads, report)
 
 
-@contextlib.contextmanager
-def _opened(field: Field | Path) -> Iterator[Field]:
+def _opened(field: Field | Path) -> contextlib.AbstractContextManager[Field]:
     """A field that is given as a path is open only as long as the call."""
     if isinstance(field, Field):
-        yield field
-        return
-    with Field(field) as mine:
-        yield mine
+        return contextlib.nullcontext(field)
+    return Field(field)
 
 
-def repack(field: Field | Path, out: Path, *, codec: str = "", depth: bool = True,
+def repack(field: Field | Path | Sequence[Field | Path], out: Path, *,
+           states: Sequence[State] = (), codec: str = "", depth: bool = True,
            finest_level: int | None = None, subfields: Sequence[int] = (),
            color_type: str | None = None, light: bool = True, memory: int = _DEFAULT_MEMORY,
            threads: int = 0, force: bool = False, progress: Progress = None) -> RepackReport:
     """Rewrites a field into another form. Empty arguments keep what the field has.
 
+    field: several make one whose states they are, named after their files, and the states in them.
+    states: those to keep; default: all, or the one of Field.in_state().
     codec, depth: as in slf.build().  finest_level: the finest to keep.
     color_type: "u8" or "half".  light: keep the scene's light.  progress: counts tiles.
     """
     half = None if color_type is None else is_half(color_type)
-    with _opened(field) as source, reporter(progress, "repack") as report:
-        return _slf.repack(source._field, path_text(out), codec, depth, finest_level,
-                           sorted(subfields), half, light, memory, threads, force, report)
+    given = field if isinstance(field, (list, tuple)) else [field]
+    with contextlib.ExitStack() as stack, reporter(progress, "repack") as report:
+        opened = [stack.enter_context(_opened(one)) for one in given]
+        sources = [(one._field, [str(state) for state in states or one._opened_with[3:]
+                                 if state is not None]) for one in opened]
+        done = _slf.repack(sources, out, codec, depth, finest_level, sorted(subfields), half, light,
+                           memory, threads, force, report)
+    return done  # type: ignore[no-any-return]
 
 
 def merge(parts: Sequence[Path], out: Path, *, part: bool = False, memory: int = _DEFAULT_MEMORY,
           threads: int = 0, force: bool = False, progress: Progress = None) -> MergeReport:
     """Joins parts of a field: shards, levels or subfields.  part: the result may be a part."""
     with reporter(progress, "merge") as report:
-        return _slf.merge([path_text(p) for p in parts], path_text(out), part, memory, threads,
-                          force, report)
+        return _slf.merge(parts, out, part, memory, threads, force, report)
 
 
 def diff(a: Field | Path, b: Field | Path, *, threads: int = 0,
@@ -545,28 +534,34 @@ def diff(a: Field | Path, b: Field | Path, *, threads: int = 0,
         return _slf.diff(left._field, right._field, threads, report)
 
 
-def _views(views: AnyViews) -> tuple[str, str | None]:
+def _views(views: AnyViews) -> tuple[Path, str | None]:
     """A name for messages, and JSON, or None for the file of that name."""
     if views is None:
         return "", None
-    return ("views", json.dumps(views)) if isinstance(views, dict) else (path_text(views), None)
+    return ("views", json.dumps(views)) if isinstance(views, dict) else (views, None)
 
 
-def export(field: Field | Path, out: Path, *, views: AnyViews = None, force: bool = False,
-           progress: Progress = None) -> None:
+def export(field: Field | Path, out: Path, *, views: AnyViews = None, state: State | None = None,
+           structures: Structures | None = None, states: Sequence[State] = (), codec: str = "",
+           depth: bool = True, finest_level: int | None = None, max_size: int = 0, threads: int = 0,
+           force: bool = False, progress: Progress = None) -> ExportReport:
     """Writes the page that shows a field together with it.
 
     out: a path that ends in .html or .htm becomes one file, which opens from disk (fields up to
         1 GiB); any other a folder for a host of static files.
-    views: as in Field.show().
+    views, state, structures: as in Field.show().
+    states, codec, depth, finest_level: what to keep, as in repack().
+    max_size: bytes; chooses quality and levels so that the page fits. 0: no limit.
     force: replace that file, or write into a folder that has files in it.
+    progress: counts tiles that are encoded, then bytes.
 
-    Raises slf.UsageError: `out` exists. slf.BadFileError: `views` are none.
+    Raises slf.UsageError: `out` exists, there is no such state or structure, or nothing fits.
+    slf.BadFileError: `views` are none.
     """
-    path = path_text(out)
-    source = field.path if isinstance(field, Field) else path_text(field)
-    with reporter(progress, "export") as report:
-        _slf.export_field(source, path, *_views(views), force, report)
+    with _opened(field) as source, reporter(progress, "export") as report:
+        return _slf.export_field(source.path, out, *_views(views),
+                                 *source._first(state, structures), [str(one) for one in states],
+                                 codec, depth, finest_level, max_size, threads, force, report)
 
 
 def is_half(color_type: str) -> bool:

@@ -110,9 +110,9 @@ def bundle(field: Field) -> dict[str, Any]:
 class View:
     """The page that shows a field, at a URL."""
 
-    def __init__(self, url: str, field: Field, views: Any = None) -> None:
+    def __init__(self, url: str, field: Field, shown: dict[str, Any]) -> None:
         self.url = url
-        self._field, self._views = field, views
+        self._field, self._shown = field, shown
 
     def __repr__(self) -> str:
         return f"<slf view at {self.url}>"
@@ -122,12 +122,13 @@ class View:
         if url:
             return _frame(url)
         if self._field.file_bytes > _MAX_EMBEDDED:
-            return ("<p>The browser cannot reach the page of this field, which is on the notebook's "
-                    "machine, and the field is too large to embed. Install jupyter-server-proxy "
-                    "there, or <code>field.show(\"page.html\")</code> writes a file beside the "
-                    "notebook, or <code>slf.repack</code> makes a smaller field.</p>")
+            return ("<p>The browser cannot reach the page of this field, which is on the machine "
+                    "of the notebook, and the field is too large to embed. Install "
+                    "jupyter-server-proxy there, or <code>field.show(\"page.html\")</code> writes "
+                    "a file beside the notebook, or <code>slf.repack</code> makes a smaller field."
+                    "</p>")
         with tempfile.TemporaryDirectory() as folder:
             page = pathlib.Path(folder, "page.html")
-            self._field.show(page, views=self._views)
+            self._field.show(page, **self._shown)
             text = html.escape(page.read_text("utf-8"))
         return f"<iframe srcdoc='{text}' width='100%' height='540' style='border:0'></iframe>"

@@ -9,12 +9,13 @@ import mmap
 import os
 import tempfile
 import warnings
-from typing import Any, Iterator, Mapping, NamedTuple, Sequence, TypedDict, Unpack
+from typing import Any, Mapping, NamedTuple, Sequence, TypedDict, Unpack
 
 import numpy as np
 
 from . import _slf
 from ._errors import UsageError
+from ._progress import ProgressFunction
 from ._rays import Scene, ray_scene
 from ._types import Point, Sphere, Tone, finite, point
 
@@ -361,23 +362,54 @@ def _arrays(source: Any, settings: Any, folder: str | None, mapped: list[mmap.mm
                                        mapped=mapped, name=name)
 
 
-@contextlib.contextmanager
-def scene_of(source: Any, *, linear: bool = False, folder: str | None = None, threads: int = 0,
-             sphere: Sphere | None = None, truth_of: str | None = None,
-             **given: Unpack[Settings]) -> Iterator[_slf.Scene]:
-    """The scene of a source. folder: for temporary files.  sphere: of pictures.  truth_of: the
-    provenance of a field to compare with, which is without settings but those of the source."""
+def scenes_of(stack: contextlib.ExitStack, source: Any, *,
+              states: Sequence[Mapping[str, Any]] = (), each_label: bool = False,
+              report: ProgressFunction | None = None, linear: bool = False,
+              folder: str | None = None, threads: int = 0, sphere: Sphere | None = None,
+              truth_of: str | None = None, **given: Unpack[Settings]) -> list[tuple[str, Any]]:
+    """The scenes of states, until `stack` is closed; without states, one of no name, or those of
+    the labels. report: for the light of labels.  folder: for temporary files.  sphere: of pictures.
+    truth_of: the provenance of a field to compare with, which is without settings but those of the
+    source. Called by what users call, whose place warnings state."""
+    if states and each_label:
+        raise UsageError("each_label makes states itself, without states=")
+    scenes: list[tuple[str, Any]] = []
+    for state in states or ({},):
+        settings: Any = {"source": source, **given, **state}
+        name, lit_by = state.get("name", ""), settings.pop("light_from", None)
+        if "name" in state:
+            settings["name"] = given.get("name")
+        if settings.get("light_file"):
+            settings["light_file"] = os.fspath(settings["light_file"]).replace(
+                "{state}", name.replace("/", "_"))
+        notes: list[str] = []
+        made = _made(stack, settings, each_label, notes, report, folder, truth_of,
+                     {"linear": linear, "threads": threads, "sphere": sphere, "truth_of": truth_of})
+        for note in notes:
+            warnings.warn(note, stacklevel=3)
+        if lit_by is not None:
+            if lit_by not in dict(scenes):
+                raise UsageError(f"light_from: no earlier state is named {lit_by!r}")
+            made[0][1].share_light(dict(scenes)[lit_by])
+        scenes += made if each_label else [(name, made[0][1])]
+    return scenes
+
+
+def _made(stack: contextlib.ExitStack, given: Any, each_label: bool, notes: list[str],
+          report: ProgressFunction | None, folder: str | None, truth_of: str | None,
+          common: Any) -> list[tuple[str, Any]]:
+    """The scene of a source, or those of its labels."""
+    source = given.pop("source")
     known = Settings if truth_of is None else SourceSettings
     unknown = sorted(set(given) - set(known.__annotations__))
     if unknown:
         raise TypeError(f"unexpected settings: {', '.join(unknown)}")
     settings: Any = {key: value for key, value in given.items() if value is not None}
     if isinstance(source, Scene):
-        if settings:
-            raise UsageError(f"{', '.join(sorted(settings))}: not for scenes of Python")
-        with ray_scene(source) as scene:
-            yield scene
-        return
+        if settings or each_label:
+            names = ["each_label"] * each_label + sorted(settings)
+            raise UsageError(f"{', '.join(names)}: not for scenes of Python")
+        return [("", stack.enter_context(ray_scene(source)))]
     mapped: list[mmap.mmap] = []
     _arrays(source, settings, folder, mapped)
     if isinstance(settings.get("label_table"), Mapping):
@@ -386,14 +418,11 @@ def scene_of(source: Any, *, linear: bool = False, folder: str | None = None, th
     settings["transfer"] = _transfer(settings.get("transfer"))
     if truth_of is None:
         settings.setdefault("depth_cache", "")  # beside the pictures
-    notes: list[str] = []
-    scene = _slf.make_scene({**settings, "linear": linear, "threads": threads, "sphere": sphere,
-                             "truth_of": truth_of}, notes)
-    for note in notes:
-        warnings.warn(note, stacklevel=4)  # where the caller of slf is, past contextlib
+    scenes: list[tuple[str, Any]] = _slf.make_scenes({**settings, **common}, each_label, notes,
+                                                     report)
     for file in mapped:  # rays jump from page to page: reading ahead would be in vain
         file.madvise(mmap.MADV_RANDOM)
-    yield scene
+    return scenes
 
 
 def _style(style: Any) -> tuple[str, Point | None, float]:

@@ -227,6 +227,11 @@ class RepackReport(NamedTuple):
     file_bytes: int
 
 
+class ExportReport(NamedTuple):
+    field_bytes: int
+    finest_level: int
+
+
 class MergeReport(NamedTuple):
     tiles: int
     payload_bytes: int

@@ -16,24 +16,23 @@
 namespace slf::python {
 namespace {
 
+Result<Field> open_field(const std::string& path, const ProgressCallback& progress) {
+  if (!is_address(path)) return Field::open(path);
+#ifdef SLF_REMOTE
+  return RemoteField::open(path, {}, progress).map([](const auto& remote) {
+    return remote.field();
+  });
+#else
+  return fail(ErrorCode::unsupported, path,
+              ": this slf was built without libcurl and does not read fields over HTTP");
+#endif
+}
+
 std::unique_ptr<OpenField> open(const Text& path, std::uint64_t memory, unsigned threads,
                                 py::object progress) {
-  RendererOptions options;
-  options.memory = memory;
-  options.threads = threads;
   LongCall call(std::move(progress));
-  auto field = call.without_gil([&]() -> Result<Field> {
-    if (!is_address(path)) return Field::open(path);
-#ifdef SLF_REMOTE
-    auto remote = RemoteField::open(path, {}, call.progress());
-    if (!remote) return tl::unexpected(remote.error());
-    return remote->field();
-#else
-    return fail(ErrorCode::unsupported, path,
-                ": this slf was built without libcurl and does not read fields over HTTP");
-#endif
-  });
-  return std::make_unique<OpenField>(value_of(std::move(field), path), options);
+  auto field = call.value(path, [&] { return open_field(path, call.progress()); });
+  return std::make_unique<OpenField>(std::move(field), RendererOptions{memory, threads});
 }
 
 template <class State>
@@ -54,16 +53,19 @@ py::object content(const OpenField& open) {
                      content.payload_bytes);
 }
 
-/// A structure: an open field, its opacity and its tint.
-using StructureTuple = std::tuple<const OpenField*, float, std::array<float, 3>>;
-
+/// `structures`: none for those that are shown if nothing is chosen.
 std::unique_ptr<OpenField> compose(const OpenField& open,
-                                   const std::vector<StructureTuple>& structures) {
-  std::vector<Structure> layers;
-  for (const auto& [field, opacity, tint] : structures)
-    layers.push_back({field->field(), opacity, tint});
-  return std::make_unique<OpenField>(value_of(slf::compose(open.field(), std::move(layers))),
-                                     open.options());
+                                   const std::optional<LookTuples>& structures) {
+  const std::vector<StructureLook> looks = looks_of(structures.value_or(LookTuples()));
+  LongCall call;
+  auto composed = call.value(open.field().path(), [&] {
+    return structures ? compose_looks(open.field(), looks,
+                                      [&](const std::string& path) {
+                                        return open_field(path, call.progress());
+                                      })
+                      : all_structures(open.field());
+  });
+  return std::make_unique<OpenField>(std::move(composed), open.options());
 }
 
 ViewOptions view_of(const Field& field, const std::optional<std::string>& mode,
@@ -264,29 +266,42 @@ void close(OpenPlayer& open) {
 
 }  // namespace
 
+std::vector<StructureLook> looks_of(const LookTuples& structures) {
+  std::vector<StructureLook> looks;
+  for (const auto& structure : structures) {
+    if (const auto* text = std::get_if<Text>(&structure)) {
+      looks.push_back(value_of(parse_structures({text, 1}))[0]);
+      continue;
+    }
+    const auto& [what, opacity, tint] = std::get<LookTuple>(structure);
+    if (const auto* name = std::get_if<Text>(&what))
+      looks.push_back({*name, opacity, tint});
+    else if (const Field& field = std::get<const OpenField*>(what)->field(); true)
+      looks.push_back({field.path(), opacity, tint, field});
+  }
+  return looks;
+}
+
 void bind_fields(py::module_& module) {
-  py::class_<OpenField>(module, "Field")
-      .def(py::init(&open))
-      .def_property_readonly("path", [](const OpenField& f) { return Text(f.field().path()); })
-      .def_property_readonly("shape",
-                             [](const OpenField& f) { return tuple_of(f.field().shape()); })
-      .def_property_readonly("format", [](const OpenField& o) { return name(o.field().format()); })
-      .def_property_readonly("codec", [](const OpenField& o) { return Text(o.field().codec()); })
-      .def_property_readonly("has_depth", [](const OpenField& f) { return f.field().has_depth(); })
-      .def_property_readonly("linear", [](const OpenField& f) { return f.field().linear(); })
-      .def_property_readonly("manifest",
-                             [](const OpenField& f) { return Text(f.field().manifest()); })
-      .def_property_readonly("provenance",
-                             [](const OpenField& f) { return Text(f.field().provenance()); })
-      .def_property_readonly("file_bytes",
-                             [](const OpenField& f) { return f.field().file_bytes(); })
-      .def_property_readonly("state", [](const OpenField& f) { return f.field().state(); })
-      .def_property_readonly("states",
-                             [](const OpenField& f) {
-                               py::list names;
-                               for (const auto& name : f.field().states()) names.append(Text(name));
-                               return py::tuple(names);
-                             })
+  py::class_<OpenField> type(module, "Field");
+  const auto fact = [&](const char* name, auto get) {
+    type.def_property_readonly(name, [get](const OpenField& open) { return get(open.field()); });
+  };
+  fact("path", [](const Field& f) { return Text(f.path()); });
+  fact("shape", [](const Field& f) { return tuple_of(f.shape()); });
+  fact("format", [](const Field& f) { return name(f.format()); });
+  fact("codec", [](const Field& f) { return Text(f.codec()); });
+  fact("has_depth", [](const Field& f) { return f.has_depth(); });
+  fact("linear", [](const Field& f) { return f.linear(); });
+  fact("manifest", [](const Field& f) { return Text(f.manifest()); });
+  fact("provenance", [](const Field& f) { return Text(f.provenance()); });
+  fact("file_bytes", [](const Field& f) { return f.file_bytes(); });
+  fact("state", [](const Field& f) { return f.state(); });
+  fact("states", [](const Field& f) {
+    const auto names = f.states();
+    return py::tuple(py::cast(Texts(names.begin(), names.end())));
+  });
+  type.def(py::init(&open))
       .def("in_state", in_state<unsigned>)
       .def("in_state", in_state<Text>)
       .def("content", content)

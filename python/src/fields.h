@@ -1,12 +1,20 @@
-// OpenField: a Field with the renderer that draws it.
+// OpenField: a Field with the renderer that draws it; and structures of Python.
 #pragma once
 
+#include <pybind11/stl.h>
+
+#include <array>
 #include <cstdint>
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <tuple>
 #include <utility>
+#include <variant>
+#include <vector>
 
+#include "calls.h"
+#include "field/structure_looks.h"
 #include "slf/field.h"
 #include "slf/render.h"
 
@@ -53,5 +61,11 @@ class OpenField {
   std::mutex mutex_;
   std::unique_ptr<Renderer> renderer_;
 };
+
+/// A field, or the name of a state or file; its opacity and its tint.
+using LookTuple = std::tuple<std::variant<const OpenField*, Text>, float, std::array<float, 3>>;
+/// Structures, also as texts for parse_structure().
+using LookTuples = std::vector<std::variant<LookTuple, Text>>;
+std::vector<StructureLook> looks_of(const LookTuples& structures);
 
 }  // namespace slf::python

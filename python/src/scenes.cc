@@ -8,6 +8,7 @@
 #include <map>
 
 #include "arrays.h"
+#include "base/try.h"
 #include "convert.h"
 #include "module.h"
 #include "slf/scene_description.h"
@@ -329,8 +330,10 @@ std::map<std::string, Set> setters(SceneDescription& d) {
       {"threads", to(d.light_volume.threads)}};
 }
 
-/// The scene that `settings` describe, which None leaves out. `notes` gets what people should know.
-SceneHandle described_scene(const py::dict& settings, py::list notes) {
+/// The scene that `settings` describe, without a name, or one for each label. None is no setting.
+/// `notes` gets what people should know.
+std::vector<std::pair<Text, SceneHandle>> make_scenes(const py::dict& settings, bool each_label,
+                                                      py::list notes, py::object progress) {
   SceneDescription description;
   const auto set = setters(description);
   for (const auto& [key, value] : settings) {
@@ -350,12 +353,19 @@ SceneHandle described_scene(const py::dict& settings, py::list notes) {
   description.on_note = [found](const std::string& note, const char* choice) {
     found->emplace_back(choice ? note + "; see the setting " + choice : note);
   };
-  SceneHandle handle;
-  LongCall call;
-  handle.scene =
-      value_of(handle.trace(call, [&] { return make_scene(description); }), description.input);
+  LongCall call(std::move(progress));
+  auto result = SceneHandle{}.trace(call, [&]() -> Result<std::vector<NamedScene>> {
+    if (each_label) return make_label_scenes(description);
+    auto scene = SLF_TRY(make_scene(description));
+    return std::vector<NamedScene>{{"", std::move(scene)}};
+  });
+  if (!result && result.error().choice && set.contains(result.error().choice))
+    result.error().message.append("; see the setting ").append(result.error().choice);
+  auto made = value_of(std::move(result), description.input);
   for (const Text& note : *found) notes.append(note);
-  return handle;
+  std::vector<std::pair<Text, SceneHandle>> scenes;
+  for (NamedScene& one : made) scenes.emplace_back(one.name, SceneHandle{std::move(one.scene)});
+  return scenes;
 }
 
 /// A picture of the scene's rays themselves.
@@ -384,7 +394,7 @@ void bind_scenes(py::module_& module) {
              value_of(s.scene->share_light(from.scene), "light_from");
            })
       .def("raycast", raycast);
-  module.def("make_scene", described_scene);
+  module.def("make_scenes", make_scenes);
   module.def("ray_scene", [](py::object fn, const SphereTuple& sphere,
                              const std::string& provenance, std::size_t batch, bool concurrent) {
     SceneHandle handle;

@@ -1,8 +1,4 @@
 // Fields in a browser: the server of ranges, and exported pages.
-#include "calls.h"
-
-#include <pybind11/stl.h>
-
 #include <atomic>
 #include <memory>
 #include <optional>
@@ -10,9 +6,9 @@
 #include <thread>
 #include <vector>
 
-#include "base/try.h"
+#include "convert.h"
+#include "fields.h"
 #include "module.h"
-#include "slf/field.h"
 #include "view/page.h"
 #include "view/server.h"
 #include "view/site.h"
@@ -20,13 +16,11 @@
 namespace slf::python {
 namespace {
 
-/// Serves fields on a thread of its own until it is closed.
+/// Serves a field on a thread of its own until it is closed.
 class ViewServer {
  public:
-  ViewServer(const Texts& fields, const view::ViewsFile& views, bool any_host)
-      : server_(value_of(view::Server::make(std::vector<std::string>(fields.begin(), fields.end()),
-                                            {.any_host = any_host, .views = views}),
-                         fields.empty() ? Text() : fields.front())),
+  ViewServer(const Text& field, const view::ServerOptions& options)
+      : server_(value_of(view::Server::make({{field}}, options), field)),
         thread_([this] { (void)server_.run([this] { return stop_.load(); }); }) {}
   ~ViewServer() { close(); }
   ViewServer(const ViewServer&) = delete;
@@ -55,28 +49,47 @@ view::ViewsFile views_of(const Text& name, const std::optional<Text>& json) {
   return json ? view::ViewsFile{name, *json} : value_of(view::read_views(name), name);
 }
 
-void export_field(const Text& field, const Text& output, const Text& views,
-                  const std::optional<Text>& json, bool force, py::object progress) {
+view::First first_of(const Text& state, const LookTuples& structures) {
+  return {state, looks_of(structures)};
+}
+
+py::object export_field(const Text& field, const Text& output, const Text& views,
+                        const std::optional<Text>& json, const Text& state,
+                        const LookTuples& structures, const Texts& states, const std::string& codec,
+                        bool depth, std::optional<unsigned> levels, std::uint64_t max_size,
+                        unsigned threads, bool force, py::object progress) {
+  view::ExportOptions options;
+  options.states.assign(states.begin(), states.end());
+  options.repack.codec = codec;
+  options.repack.depth = depth;
+  options.repack.levels = levels;
+  options.repack.threads = threads;
+  options.max_size = max_size;
+  options.views = views_of(views, json);
+  options.first = first_of(state, structures);
+  options.existing = force ? Existing::replace : Existing::keep;
   LongCall call(std::move(progress));
-  const view::ViewsFile file = views_of(views, json);
-  call.value(field, [&]() -> Result<void> {
-    const auto opened = SLF_TRY(Field::open(field));
-    const auto checked = SLF_TRY(view::parse_views(file, opened.shape().sphere));
-    auto written = view::export_field(field, field, output, checked,
-                                      force ? Existing::replace : Existing::keep, call.progress());
-    if (!written && written.error().choice) written.error().message += "; force=True overwrites it";
+  const Field exported = call.value(field, [&] {
+    auto written = view::export_field(field, output, options, call.progress(), call.progress());
+    if (!written && std::string_view(written.error().choice ? written.error().choice : "")
+                        .starts_with("replace"))
+      written.error().message += "; force=True overwrites it";
     return written;
   });
+  return tuple_named("ExportReport", exported.file_bytes(), exported.shape().levels);
 }
 
 }  // namespace
 
 void bind_views(py::module_& module) {
   py::class_<ViewServer>(module, "Server")
-      .def(py::init([](const Texts& fields, const Text& views, const std::optional<Text>& json,
-                       bool any_host) {
+      .def(py::init([](const Text& field, const Text& views, const std::optional<Text>& json,
+                       bool any_host, const Text& state, const LookTuples& structures) {
         check_page();
-        return std::make_unique<ViewServer>(fields, views_of(views, json), any_host);
+        return std::make_unique<ViewServer>(
+            field, view::ServerOptions{.any_host = any_host,
+                                       .views = views_of(views, json),
+                                       .first = first_of(state, structures)});
       }))
       .def_property_readonly("url", [](const ViewServer& server) { return Text(server.url()); })
       .def("close", &ViewServer::close);

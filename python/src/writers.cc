@@ -44,15 +44,20 @@ py::object build(const std::vector<std::pair<Text, SceneHandle>>& scenes, const 
   return tuple_named("BuildReport", report.tiles, report.resumed);
 }
 
-py::object repack(const OpenField& open, const Text& path, const std::string& codec, bool depth,
-                  std::optional<unsigned> levels, const std::vector<std::uint8_t>& subfields,
-                  std::optional<bool> half, bool light, std::uint64_t memory, unsigned threads,
-                  bool replace, py::object progress) {
+py::object repack(const std::vector<std::pair<const OpenField*, Texts>>& fields, const Text& path,
+                  const std::string& codec, bool depth, std::optional<unsigned> levels,
+                  const std::vector<std::uint8_t>& subfields, std::optional<bool> half, bool light,
+                  std::uint64_t memory, unsigned threads, bool replace, py::object progress) {
   const RepackOptions options{codec, depth,  levels,  subfields, half,
                               light, memory, threads, replace};
+  std::vector<StateSource> states;
+  for (const auto& [open, names] : fields)
+    for (StateSource& state : value_of(
+             state_sources(open->field(), std::vector<std::string>(names.begin(), names.end()))))
+      states.push_back(std::move(state));
   LongCall call(std::move(progress));
   const auto report =
-      call.value(path, [&] { return repack_field(open.field(), path, options, call.progress()); });
+      call.value(path, [&] { return join_states(states, path, options, call.progress()); });
   return tuple_named("RepackReport", report.tiles, report.copied, report.recoded, report.missing,
                      report.payload_bytes, report.file_bytes);
 }

@@ -1,14 +1,17 @@
 """Building from arrays and images: the same bytes as `slf build` from the same voxels."""
 
+import contextlib
 import filecmp
 import json
 import os
+import pickle
 import signal
 import subprocess
 import sys
 import threading
 import time
 import types
+import urllib.request
 
 import numpy as np
 import pytest
@@ -16,7 +19,7 @@ import pytest
 import slf
 from conftest import SMALL, SMALL_ARGUMENTS, write_nifti
 from slf._field import camera_tuple
-from slf._source import scene_of
+from slf._source import scenes_of
 
 META_TYPES = {"u1": "UCHAR", "i1": "CHAR", "u2": "USHORT", "i2": "SHORT", "u4": "UINT", "i4": "INT",
               "f4": "FLOAT", "f8": "DOUBLE"}
@@ -517,7 +520,8 @@ def test_notes_are_warnings(tmp_path):
     ids[2:6, 2:6, 4:14], ids[2:6, 2:6, 14:28] = 3, 17
     with pytest.warns(UserWarning, match="look like labels") as caught:
         slf.raycast(ids, size=(8, 8))
-    assert caught[0].filename == __file__
+        slf.build(ids, tmp_path / "a.slf", lighting="direct", **SMALL)
+    assert [one.filename for one in caught] == 2 * [__file__]
     file = tmp_path / "a.nrrd"
     file.write_bytes(b"NRRD0004\ntype: uchar\ndimension: 3\nsizes: 2 2 2\nencoding: raw\n\n"
                      b"12345678")
@@ -576,7 +580,8 @@ def test_spheres_that_miss_everything_are_refused(tmp_path):
 
 def test_threads_may_share_a_scene(voxels):
     """Its light is computed once, by one of them, which alone is told of it."""
-    with scene_of(voxels, lighting="global", light_samples=4) as scene:
+    with contextlib.ExitStack() as stack:
+        [(_, scene)] = scenes_of(stack, voxels, lighting="global", light_samples=4)
         rows = 16
         camera = camera_tuple(scene.bounds, slf.orbit(10, 20, 3), (16, rows))
         pictures, totals, other = {}, {1: set(), 2: set()}, []
@@ -647,3 +652,137 @@ def test_states_of_one_light(tmp_path):
     states[1] = {"name": "hot", "transfer": "ct-skin", "light_from": "whole"}
     with pytest.raises(slf.UsageError, match="/transfer"):
         slf.build(ball, tmp_path / "b.slf", **SMALL, **light, states=states)
+
+
+@pytest.fixture(scope="module")
+def atlas_path(tmp_path_factory):
+    """A field of two structures, "front" and "back", and its labels."""
+    folder = tmp_path_factory.mktemp("atlas")
+    labels = np.zeros((12, 12, 12), np.uint8)
+    labels[2:10, 2:6, 2:10], labels[2:10, 8:10, 2:10], labels[4:6, 6:8, 4:6] = 1, 2, 3
+    table = {1: ("front", (1, 0, 0)), 2: ("back", (0, 1, 0)), 3: "back"}
+    settings = dict(labels=True, label_table=table, each_label=True, light_samples=2, **SMALL)
+    counts = []
+    slf.build(labels, folder / "atlas.slf", **settings, progress=lambda *p: counts.append(p)).close()
+    assert len({total for _, total, _ in counts}) > 1  # light is counted, too
+    write_mha(folder / "l.mha", labels)
+    (folder / "t.json").write_text(json.dumps({"labels": [
+        {"id": 1, "name": "front", "color": [1, 0, 0]},
+        {"id": 2, "name": "back", "color": [0, 1, 0]}, {"id": 3, "name": "back"}]}))
+    return folder / "atlas.slf"
+
+
+def test_each_label_is_a_state(atlas_path, tmp_path, command):
+    labels = np.zeros((12, 12, 12), np.uint8)
+    command("build", atlas_path.parent / "l.mha", "--labels", "--label-table",
+            atlas_path.parent / "t.json", "--each-label", "--light-samples", 2, *SMALL_ARGUMENTS,
+            "-o", tmp_path / "b.slf")
+    field = slf.open(atlas_path)
+    assert field.states == ("front", "back")
+    for state in field.states:
+        theirs = slf.open(tmp_path / "b.slf", state=state)
+        assert slf.diff(field.in_state(state), theirs).channels[0].differing == 0
+    some = slf.build(atlas_path.parent / "l.mha", tmp_path / "some.slf", labels=True,
+                     only_labels=[1, 3], each_label=True, lighting="direct", **SMALL)
+    assert some.states == ("label 1", "label 3")
+    for source, settings, message in [
+            (labels, {"labels": True, "each_label": True, "states": [{"name": "all"}]},
+             "each_label makes"),
+            (labels + 1, {"each_label": True}, "amounts, not labels.*see the setting labels"),
+            (labels, {"each_label": True, "labels": True}, "array: no label of it is visible"),
+            (slf.Scene(), {"each_label": True}, "each_label: not for scenes of Python")]:
+        with pytest.raises(slf.UsageError, match=message):
+            slf.build(source, tmp_path / "c.slf", **settings)
+
+
+def test_structures_of_one_field(atlas_path, tmp_path, command):
+    """All are drawn unless others are named, in each call, as the command line does it."""
+    with slf.open(atlas_path) as field:
+        whole = field.render(size=(32, 32))
+        assert np.array_equal(whole, field.render(size=(32, 32), structures=["*"]))
+        front = field.render(size=(32, 32), state="front")
+        assert np.array_equal(front, field.render(size=(32, 32), structures=["f*"]))
+        assert np.array_equal(front, slf.open(atlas_path, state=0).render(size=(32, 32)))
+        assert (front != whole).any() and (field.thumbnail() != field.in_state(0).thumbnail()).any()
+        faded = {"*": 0.5, "back": slf.Look(1, (1, 0, 0))}
+        command("render", atlas_path, "-o", tmp_path / "a.png", "--size", "32", "--structure",
+                "*:0.5", "--structure", "back:#ff0000", "--background", "0,0,0")
+        image = pytest.importorskip("PIL.Image").open(tmp_path / "a.png")
+        ours = field.render(size=(32, 32), structures=faded, dtype="uint8", background=(0, 0, 0))
+        assert np.array_equal(np.asarray(image.convert("RGB")), ours[..., :3])
+        behind = slf.orbit(180, 0, 3)
+        near, far = (field.pick(256, 256, behind, structures=[name]) for name in ("back", "front"))
+        assert near.depth < far.depth and field.pick(256, 256, behind) == near
+        assert field.pick(256, 256, behind, state="front") == far
+        tiles = lambda **shown: field.measure(2, (32, 32), **shown).total.compressed_bytes.mean
+        assert tiles() > tiles(structures={"front": 1, "back": 0}) == tiles(state="front") > 0
+        truth = atlas_path.parent / "l.mha", 2, (32, 32)
+        table = dict(labels=True, label_table=atlas_path.parent / "t.json")
+        assert field.evaluate(*truth, **table).differs == ""
+        assert field.evaluate(*truth, structures=["front"], **table).psnr > 15
+        with field.player(structures=["front"], loading="wait") as player:
+            assert np.array_equal(player.draw(slf.orbit(), (32, 32)), front)
+        composed = pickle.loads(pickle.dumps(field.compose(faded)))
+        assert np.array_equal(composed.render(size=(32, 32)),
+                              field.render(size=(32, 32), structures=faded))
+        with pytest.raises(slf.UsageError, match="no state 'middle'; its states are: front, back"):
+            field.render(structures=["middle"])
+
+
+def test_states_are_repacked(atlas_path, tmp_path):
+    with slf.open(atlas_path) as field:
+        slf.repack(field, tmp_path / "all.slf", codec="predictive:60")
+        slf.repack(field, tmp_path / "back.slf", states=["back"])
+        slf.repack(field.in_state("front"), tmp_path / "front.slf")
+        slf.repack([tmp_path / "front.slf", tmp_path / "back.slf"], tmp_path / "both.slf")
+        assert slf.open(tmp_path / "all.slf").states == ("front", "back")
+        assert slf.open(tmp_path / "front.slf").states == ()
+        both = slf.open(tmp_path / "both.slf")
+        assert both.states == ("front", "back")
+        for name in both.states:
+            assert slf.diff(both.in_state(name), field.in_state(name)).channels[0].psnr > 40
+
+
+def test_states_are_raycast(tmp_path):
+    voxels = np.zeros((12, 12, 12), np.uint8)
+    voxels[2:10, 2:10, 2:10] = 200
+    states = [{"name": "whole"}, {"name": "half", "clip": [(6, 6, 6, 0, 0, 1)]}]
+    draw = lambda **state: slf.raycast(voxels, size=(16, 16), lighting="direct", **state)
+    with pytest.warns(UserWarning):
+        half = draw(states=states, state="half")
+        assert (draw() != half).any() and np.array_equal(draw(states=states, state=1), half)
+        assert np.array_equal(draw(states=states), draw())
+        with pytest.raises(slf.UsageError, match="no state 'none'; there are whole, half"):
+            draw(states=states, state="none")
+
+
+def test_pages_begin_with_structures(atlas_path, balls, tmp_path):
+    field = slf.open(atlas_path)
+
+    def attributes(view):
+        with urllib.request.urlopen(view.url) as page:
+            return page.read().decode().partition("<slf-field")[2].partition(">")[0]
+    try:
+        front = field.show(structures=["front"])
+    except slf.UnsupportedError as error:
+        pytest.skip(str(error))
+    faded = field.show(structures={"*": 0.25, "back": slf.Look(1, (1, 0.5, 0))})
+    assert 'structures="front"' in attributes(front)  # the first one is still served
+    assert 'structures="*:0.25,back:#ff8000"' in attributes(faded)
+    assert "structures" not in attributes(field.show())
+    assert field.show(structures=["front"]).url == front.url
+    assert 'structures="back"' in attributes(field.in_state(1).show())
+    assert 'structures="front"' in attributes(field.compose({"front": 1}).show())
+    for shown, message in [({"structures": ["middle"]}, "no state 'middle'"), ({"state": 5}, "5")]:
+        with pytest.raises(slf.UsageError, match=message):
+            field.show(**shown)
+    with pytest.raises(slf.UsageError, match="has no structures"):
+        balls.show(structures=["balls"])
+    page = tmp_path / "page.html"
+    report = slf.export(field, page, structures=["back:0.5"], finest_level=0)
+    assert report.finest_level == 0 and 'structures="back:0.5"' in page.read_text("utf-8")
+    small = slf.export(field, tmp_path / "one.html", states=["back"], max_size=2 << 20)
+    assert small.finest_level == 1 and small.field_bytes < field.file_bytes
+    with pytest.raises(slf.UsageError, match="not among the states to keep"):
+        slf.export(field, tmp_path / "none.html", states=["back"], state="front")
+    assert not list(tmp_path.glob("*.exporting"))

@@ -44,7 +44,15 @@ http {{
   }}
 }}
 """
-CELLS = ["import slf\nfield = slf.open('field.slf')\nfield.show()", "field"]
+CELLS = {
+    "shown": ["import slf\nfield = slf.open('field.slf')\nfield.show()", "field"],
+    "structures": ["""
+import numpy as np, slf
+ids = np.zeros((12, 12, 12), np.uint8)
+ids[2:10, 2:5, 2:10], ids[2:10, 7:10, 2:10] = 1, 2
+atlas = slf.build(ids, "atlas.slf", labels=True, each_label=True, lighting="direct", entry=2,
+                  exit=8, finest_level=0, force=True)
+atlas.show(structures={"label 2": slf.Look(0.5, (1, 0, 0))})"""]}
 
 
 def path(name):
@@ -126,12 +134,13 @@ class NotebookTest(unittest.TestCase):
         os.makedirs(WORK, exist_ok=True)
         slf("build", "scene:balls", "--entry", 4, "--exit", 16, "--levels", 1, "-o",
             path("field.slf"), "-f")
-        cells = [{"cell_type": "code", "metadata": {}, "execution_count": None, "outputs": [],
-                  "source": source} for source in CELLS]
         kernel = {"name": "python3", "display_name": "Python 3", "language": "python"}
-        with open(path("shown.ipynb"), "w") as file:
-            json.dump({"nbformat": 4, "nbformat_minor": 4, "metadata": {"kernelspec": kernel},
-                       "cells": cells}, file)
+        for name, sources in CELLS.items():
+            cells = [{"cell_type": "code", "metadata": {}, "execution_count": None, "outputs": [],
+                      "source": source} for source in sources]
+            with open(path(name + ".ipynb"), "w") as file:
+                json.dump({"nbformat": 4, "nbformat_minor": 4, "metadata": {"kernelspec": kernel},
+                           "cells": cells}, file)
 
     def setUp(self):
         self.browser = Browser(f"--host-resolver-rules=MAP {FOREIGN} 127.0.0.1")
@@ -177,8 +186,8 @@ class NotebookTest(unittest.TestCase):
         colours = len(set(frame.getdata()))
         (self.assertGreater if there else self.assertLess)(colours, 1000)
 
-    def run_cells(self, notebook, count=2):
-        page = self.browser.open(notebook.url + "/notebooks/shown.ipynb", 1000, 1800)
+    def run_cells(self, notebook, count=2, name="shown"):
+        page = self.browser.open(f"{notebook.url}/notebooks/{name}.ipynb", 1000, 1800)
         page.wait("globalThis.Jupyter?.notebook?.kernel?.is_connected()")
         page.run("Jupyter.notebook.execute_all_cells()")
         shown = "document.querySelectorAll('.output_area iframe').length"
@@ -204,6 +213,15 @@ class NotebookTest(unittest.TestCase):
                 for frame in self.frames(2):
                     self.expect_field(frame, "display")
                 page.close()
+
+    def test_a_cell_shows_structures(self):
+        with Notebook(WORK, "localhost") as notebook:
+            page = self.run_cells(notebook, 1, "structures")
+            [shown] = self.frames(1)
+            shown.settle()
+            self.assertEqual(shown.run("document.querySelector('slf-field').structures"),
+                             ["label 2:0.5:#ff0000"])
+            page.close()
 
     def shown_away(self, variables, *options):
         """The frame's field, in a notebook that the browser reaches by a proxy only."""

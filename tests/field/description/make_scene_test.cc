@@ -245,6 +245,9 @@ TEST(MakeScene, LabelsOfOneNameAreOneStructure) {
   };
   using Groups = decltype(ids(label_groups(d)));
   EXPECT_EQ(ids(label_groups(d)), (Groups{{"front", {1}}, {"back", {2, 3}}}));
+  d.only_labels = {3};
+  EXPECT_EQ(ids(label_groups(d)), (Groups{{"back", {3}}}));
+  d.only_labels.clear();
   d.styles = LabelTable{{1, {"", {}, 0}}, {3, {"third", {}, 1}}};
   EXPECT_EQ(ids(label_groups(d)), (Groups{{"label 2", {2}}, {"third", {3}}}));
   // What is hidden in the table is so in the picture.

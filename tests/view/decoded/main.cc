@@ -45,7 +45,9 @@ int list_looks(const char* path, const std::vector<std::string>& texts) {
   const auto field = Field::open(path);
   if (!field) return 2;
   std::vector<StructureLook> unknown;
-  const auto shown = structures_of(*field, texts, unknown);
+  const auto looks = parse_structures(texts);
+  if (!looks) return 4;
+  const auto shown = structures_of(*field, *looks, unknown);
   if (!shown || !unknown.empty() || (!shown->empty() && !compose(*field, *shown))) return 4;
   for (const Structure& one : *shown) {
     const auto byte = [&](int c) { return std::lround(255 * one.tint[c]); };
