@@ -163,7 +163,8 @@ Result<void> begin_with(const First& first, const Field& field, Views& views) {
   }
   if (looks.empty()) return {};
   if (!has_structures(field))
-    return fail(ErrorCode::usage, field.path(), ": has no structures that its page could choose from");
+    return fail(ErrorCode::usage, field.path(),
+                ": has no structures that its page could choose from");
   SLF_TRY(structures_of(field, looks, unknown));
   if (!unknown.empty()) return field.in_state(unknown[0].name).map([](const Field&) {});
   views.structures.emplace();

@@ -98,7 +98,8 @@ struct LabelGroup {
   std::vector<std::int64_t> ids;
 };
 /// The visible structures of the label volume, or of the volume of labels at `input`, by their
-/// least ids; with `only_labels`, of these. usage: none is visible. Else errors as read_volume() and read_label_table().
+/// least ids; with `only_labels`, of these. usage: none is visible. Else errors as read_volume()
+/// and read_label_table().
 [[nodiscard]] Result<std::vector<LabelGroup>> label_groups(const SceneDescription& description);
 
 /// A scene, and the name of the state that it is of.
