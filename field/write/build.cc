@@ -333,15 +333,17 @@ Result<Manifest> plan(std::span<const FieldState> states, const BuildOptions& op
   manifest.shape = options.shape;
   const bool scene_bounds = manifest.shape.sphere.radius == 0;
   if (scene_bounds) manifest.shape.sphere = scene.bounds();
-  const Sphere visible = scene.bounds();
   const auto& [center, radius] = manifest.shape.sphere;
   if (auto ok = manifest.shape.check(); !ok)
     return fail(ok.error().code, scene_bounds ? "around the scene's bounds: " : "",
                 ok.error().message);
-  if (!(glm::distance(center, visible.center) < radius + visible.radius))
-    return fail_without("center", ErrorCode::usage, "a sphere of radius ", radius, " around ",
-                        text_of(center), " misses all that is visible, which lies around ",
-                        text_of(visible.center), " within ", visible.radius);
+  for (const FieldState& state : states)
+    if (const Sphere visible = state.scene->bounds();
+        !(glm::distance(center, visible.center) < radius + visible.radius))
+      return fail_without(
+          "center", ErrorCode::usage, "a sphere of radius ", radius, " around ", text_of(center),
+          " misses all that is visible", state.name.empty() ? "" : " of state ", state.name,
+          ", which lies around ", text_of(visible.center), " within ", visible.radius);
   manifest.filtered_levels = manifest.shape.levels;
   manifest.format = sample_format(options.half, options.depth);
   const auto plain = SLF_TRY(codec::make_codec(options.codec, manifest.format));
