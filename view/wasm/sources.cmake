@@ -2,7 +2,7 @@
 # tests/portable runs on other processors.
 set(SLF_PORTABLE_SOURCES
   storage/pages.cc storage/trees.cc storage/cursor.cc storage/record.cc storage/container.cc
-  storage/ranged_store.cc storage/file_index.cc
+  storage/ranged_store.cc storage/range_set.cc storage/file_index.cc
   codec/codec.cc codec/raw_codec.cc
   codec/zstd_codec.cc codec/byte_streams.cc codec/lane_samples.cc
   codec/lanes.cc codec/linear_fit.cc codec/portable/zstd_frame.cc
