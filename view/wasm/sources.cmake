@@ -7,7 +7,7 @@ set(SLF_PORTABLE_SOURCES
   codec/zstd_codec.cc codec/byte_streams.cc codec/lane_samples.cc
   codec/lanes.cc codec/linear_fit.cc codec/portable/zstd_frame.cc
   codec/jpeg_codec.cc codec/jpeg_alpha.cc codec/jpeg_encode.cc codec/jpeg_pictures.cc
-  codec/jpeg_tables.cc codec/fill.cc codec/mosaic.cc codec/premultiply.cc codec/color_difference.cc
+  codec/jpeg_tables.cc codec/fill.cc codec/mosaic.cc codec/color_kernel.cc
   codec/portable/jpeg_decode.cc
   codec/predictive.cc codec/predictive_channels.cc codec/predictive_codec.cc
   codec/predictive_tables.cc codec/log_colors.cc codec/rans.cc codec/dct.cc
