@@ -64,10 +64,4 @@ void append_le(Bytes& to, T value) {
   store_le(to.data() + to.size() - sizeof(T), value);
 }
 
-/// The bytes of a span of trivially copyable values.
-template <class T>
-[[nodiscard]] ByteSpan as_bytes(std::span<const T> values) {
-  return std::as_bytes(values);
-}
-
 }  // namespace slf

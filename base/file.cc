@@ -19,26 +19,6 @@
 namespace slf {
 namespace {
 
-tl::unexpected<Error> io_error(const std::string& path, const char* doing, int cause) {
-  return fail(cause == ENOENT ? ErrorCode::not_found : ErrorCode::io, path, ": ", doing, ": ",
-              std::generic_category().message(cause));
-}
-
-/// A descriptor that closes itself.
-class Descriptor {
- public:
-  explicit Descriptor(int fd) : fd_(fd) {}
-  Descriptor(const Descriptor&) = delete;
-  Descriptor& operator=(const Descriptor&) = delete;
-  ~Descriptor() {
-    if (fd_ >= 0) ::close(fd_);
-  }
-  [[nodiscard]] int get() const { return fd_; }
-
- private:
-  int fd_;
-};
-
 std::string folder_of(const std::string& path) {
   const std::size_t slash = path.rfind('/');
   return slash == std::string::npos ? "./" : path.substr(0, slash + 1);
@@ -87,6 +67,15 @@ Result<void> end_of_publishing(const std::string& to, const std::string& folder,
 
 }  // namespace
 
+tl::unexpected<Error> io_error(const std::string& path, std::string_view doing, int cause) {
+  return fail(cause == ENOENT ? ErrorCode::not_found : ErrorCode::io, path, ": ", doing, ": ",
+              std::generic_category().message(cause));
+}
+
+Descriptor::~Descriptor() {
+  if (fd_ >= 0) ::close(fd_);
+}
+
 std::string resolve_links(const std::string& path) {
   std::string at = path;
   for (int links = 0; links < 40; ++links) {  // as many as the kernel follows
@@ -102,11 +91,15 @@ std::string resolve_links(const std::string& path) {
   return path;
 }
 
-bool is_same_file(const std::string& a, const std::string& b) {
+bool is_same_file(int descriptor, const std::string& path) {
   struct stat x {
   }, y{};
-  return ::stat(a.c_str(), &x) == 0 && ::stat(b.c_str(), &y) == 0 && x.st_dev == y.st_dev &&
+  return ::fstat(descriptor, &x) == 0 && ::stat(path.c_str(), &y) == 0 && x.st_dev == y.st_dev &&
          x.st_ino == y.st_ino;
+}
+
+bool is_same_file(const std::string& a, const std::string& b) {
+  return is_same_file(Descriptor(::open(a.c_str(), O_PATH | O_CLOEXEC)).get(), b);
 }
 
 Result<void> check_output(const std::string& path, std::span<const std::string> inputs,
@@ -165,39 +158,32 @@ void copy_permissions(const std::string& from, const std::string& to, bool writa
 Result<void> publish_file(const std::string& from, const std::string& to, Existing existing) {
   {
     const Descriptor file(::open(from.c_str(), O_RDONLY | O_CLOEXEC));
-    if (file.get() < 0 || ::fsync(file.get()) != 0) return io_error(to, "cannot write", errno);
+    if (file.get() < 0 || ::fsync(file.get()) != 0) return io_error(to, "cannot write");
   }
   if (existing == Existing::replace) copy_permissions(to, from, /*writable=*/false);
   const std::string folder = folder_of(to);  // memory may run out: not once it has its name
   return end_of_publishing(to, folder, rename_to(from, to, existing));
 }
 
-NewFile::NewFile(std::string target, int fd, std::string name)
-    : target_(std::move(target)), fd_(fd), name_(std::move(name)) {}
-
 NewFile::NewFile(NewFile&& other) noexcept
     : target_(std::move(other.target_)),
-      fd_(std::exchange(other.fd_, -1)),
+      file_(std::move(other.file_)),
       name_(std::exchange(other.name_, {})) {}
 
 NewFile::~NewFile() {
   if (!name_.empty()) ::unlink(name_.c_str());
-  if (fd_ >= 0) ::close(fd_);
 }
 
 Result<NewFile> NewFile::create(const std::string& target, const std::string& name) {
-  NewFile file(target, -1, {});
-  file.fd_ = open_unnamed(folder_of(target), 0666);
-  int cause = file.fd_ < 0 ? errno : 0;
+  NewFile file(target);
+  file.file_ = Descriptor(open_unnamed(folder_of(target), 0666));
+  int cause = file.descriptor() < 0 ? errno : 0;
   // Without /proc, it would never get a name.
-  if (cause == 0 && ::access(file.path().c_str(), F_OK) != 0) {
-    ::close(std::exchange(file.fd_, -1));
-    cause = EOPNOTSUPP;
-  }
+  if (cause == 0 && ::access(file.path().c_str(), F_OK) != 0) cause = EOPNOTSUPP;
   if (cause != 0 && names_are_needed(cause)) {
     std::string temporary = unused_name(target);
-    file.fd_ = ::open(temporary.c_str(), O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
-    cause = file.fd_ < 0 ? errno : 0;
+    file.file_ = Descriptor(::open(temporary.c_str(), O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, 0666));
+    cause = file.descriptor() < 0 ? errno : 0;
     if (cause == 0) {
       file.name_ = std::move(temporary);
       // What replaces a private file is private.
@@ -208,16 +194,18 @@ Result<NewFile> NewFile::create(const std::string& target, const std::string& na
   return file;
 }
 
-std::string NewFile::path() const { return name_.empty() ? path_of_descriptor(fd_) : name_; }
+std::string NewFile::path() const {
+  return name_.empty() ? path_of_descriptor(descriptor()) : name_;
+}
 
 Result<void> NewFile::publish(Existing existing) {
-  if (::fsync(fd_) != 0) return io_error(target_, "cannot write", errno);
+  if (::fsync(descriptor()) != 0) return io_error(target_, "cannot write");
   if (existing == Existing::replace) copy_permissions(target_, path(), /*writable=*/false);
   const std::string folder = folder_of(target_);
-  int cause = name_.empty() ? link_to(fd_, target_) : rename_to(name_, target_, existing);
+  int cause = name_.empty() ? link_to(descriptor(), target_) : rename_to(name_, target_, existing);
   if (cause == EEXIST && existing == Existing::replace) {  // a link replaces nothing
     name_ = unused_name(target_);
-    cause = link_to(fd_, name_);
+    cause = link_to(descriptor(), name_);
     if (cause == 0) cause = rename_to(name_, target_, existing);
   }
   if (cause == 0) name_.clear();
@@ -242,8 +230,7 @@ Result<NewFile> copy_file(const std::string& from, const std::string& to,
   constexpr std::size_t kChunk = std::size_t{1} << 20;
   const Descriptor source(::open(from.c_str(), O_RDONLY | O_CLOEXEC));
   struct stat status {};
-  if (source.get() < 0 || ::fstat(source.get(), &status) != 0)
-    return io_error(from, "cannot open", errno);
+  if (source.get() < 0 || ::fstat(source.get(), &status) != 0) return io_error(from, "cannot open");
   auto copy = SLF_TRY(NewFile::create(to));
   copy_permissions(from, copy.path(), /*writable=*/true);
 
@@ -253,7 +240,7 @@ Result<NewFile> copy_file(const std::string& from, const std::string& to,
   for (;;) {
     const ssize_t got = ::read(source.get(), chunk.data(), chunk.size());
     if (got < 0 && errno == EINTR) continue;
-    if (got < 0) return io_error(from, "cannot read", errno);
+    if (got < 0) return io_error(from, "cannot read");
     if (got == 0) return copy;
     const auto bytes = static_cast<std::size_t>(got);
     if (const int cause = write_all(copy.descriptor(), ByteSpan(chunk).first(bytes)); cause != 0)
@@ -266,7 +253,7 @@ Result<std::uint64_t> file_size(const std::string& path) {
   struct stat status {};
   if (::stat(path.c_str(), &status) != 0)
     return errno == ENOENT ? fail(ErrorCode::not_found, path, ": no such file")
-                           : io_error(path, "cannot open", errno);
+                           : io_error(path, "cannot open");
   if (!S_ISREG(status.st_mode)) return fail(ErrorCode::io, path, ": not a regular file");
   return static_cast<std::uint64_t>(status.st_size);
 }
@@ -274,7 +261,7 @@ Result<std::uint64_t> file_size(const std::string& path) {
 Result<std::ifstream> open_regular(const std::string& path) {
   SLF_TRY(file_size(path));
   std::ifstream file(path, std::ios::binary);
-  if (!file) return io_error(path, "cannot open", errno);
+  if (!file) return io_error(path, "cannot open");
   return file;
 }
 
@@ -284,7 +271,7 @@ Result<Bytes> read_file(const std::string& path, std::uint64_t limit, const Star
   if (!check && size > limit) return too_long();
   // What took the file's place meanwhile may be a pipe, which must not be waited for.
   const Descriptor file(::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
-  if (file.get() < 0) return io_error(path, "cannot open", errno);
+  if (file.get() < 0) return io_error(path, "cannot open");
 
   // Reads to the end instead of relying on the size, which is 0 for the files of /proc.
   constexpr std::size_t kChunk = std::size_t{1} << 20, kStart = std::size_t{1} << 16;
@@ -325,13 +312,13 @@ std::string temporary_folder() {
   return given != nullptr && *given != '\0' ? given : "/tmp";
 }
 
-int open_unnamed_file() {
+Descriptor open_unnamed_file() {
   const int file = open_unnamed(temporary_folder(), 0600);
-  if (file >= 0 || !names_are_needed(errno)) return file;
+  if (file >= 0 || !names_are_needed(errno)) return Descriptor(file);
   std::string name = temporary_folder() + "/slf-XXXXXX";
   const int named = ::mkostemp(name.data(), O_CLOEXEC);
   if (named >= 0) ::unlink(name.c_str());
-  return named;
+  return Descriptor(named);
 }
 
 std::string path_of_descriptor(int fd) { return "/proc/self/fd/" + std::to_string(fd); }

@@ -2,6 +2,7 @@
 // files. Internal.
 #pragma once
 
+#include <cerrno>
 #include <cstdint>
 #include <fstream>
 #include <functional>
@@ -9,12 +10,34 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <utility>
 
 #include "base/bytes.h"
 #include "slf/error.h"
 #include "slf/progress.h"
 
 namespace slf {
+
+/// "PATH: DOING: ", and what the system says of `cause`. not_found if there is no such file, else
+/// io.
+[[nodiscard]] tl::unexpected<Error> io_error(const std::string& path, std::string_view doing,
+                                             int cause = errno);
+
+/// A file descriptor that closes itself; below 0: none. Move-only.
+class Descriptor {
+ public:
+  explicit Descriptor(int fd = -1) : fd_(fd) {}
+  Descriptor(Descriptor&& other) noexcept : fd_(std::exchange(other.fd_, -1)) {}
+  Descriptor& operator=(Descriptor&& other) noexcept {
+    std::swap(fd_, other.fd_);
+    return *this;
+  }
+  ~Descriptor();
+  [[nodiscard]] int get() const { return fd_; }
+
+ private:
+  int fd_;
+};
 
 /// What becomes of a file that is already there.
 enum class Existing { keep, replace };
@@ -24,6 +47,7 @@ enum class Existing { keep, replace };
 
 /// Whether both paths lead to one existing file, through symbolic or hard links.
 [[nodiscard]] bool is_same_file(const std::string& a, const std::string& b);
+[[nodiscard]] bool is_same_file(int descriptor, const std::string& path);
 
 /// What a program may write. It may replace two kinds of files, and asks these functions first: an
 /// output that the user named, and a file of its own that an earlier run left beside an output.
@@ -76,7 +100,7 @@ class NewFile {
   NewFile& operator=(NewFile&&) = delete;
   ~NewFile();
 
-  [[nodiscard]] int descriptor() const { return fd_; }
+  [[nodiscard]] int descriptor() const { return file_.get(); }
   /// Opens the file while this object lives; in this process only.
   [[nodiscard]] std::string path() const;
   /// Makes it durable and gives it its name. Errors as publish_file(); the file then vanishes with
@@ -84,10 +108,10 @@ class NewFile {
   [[nodiscard]] Result<void> publish(Existing existing);
 
  private:
-  NewFile(std::string target, int fd, std::string name);
+  explicit NewFile(std::string target) : target_(std::move(target)) {}
 
   std::string target_;
-  int fd_;
+  Descriptor file_;
   std::string name_;  ///< empty: none
 };
 
@@ -122,9 +146,9 @@ using StartCheck = std::function<Result<void>(ByteSpan start)>;
 /// TMPDIR or, if that is not set, /tmp.
 [[nodiscard]] std::string temporary_folder();
 
-/// Opens a new file that has no name and vanishes when it is closed, in temporary_folder(). Returns
-/// its descriptor, or -1, and errno says why.
-[[nodiscard]] int open_unnamed_file();
+/// Opens a new file that has no name and vanishes when it is closed, in temporary_folder(). Below
+/// 0: errno says why.
+[[nodiscard]] Descriptor open_unnamed_file();
 
 /// A path that opens the file of a descriptor, as long as this process has that open.
 [[nodiscard]] std::string path_of_descriptor(int fd);

@@ -35,6 +35,14 @@ namespace slf {
   return static_cast<std::uint16_t>(sign | half);
 }
 
+/// A half float as an integer that grows with it, -32768..32767; and back.
+[[nodiscard]] constexpr std::int32_t ordered_half(std::uint16_t bits) {
+  return bits < 0x8000 ? bits : 0x7FFF - static_cast<std::int32_t>(bits);
+}
+[[nodiscard]] constexpr std::uint16_t half_of_ordered(std::int32_t ordered) {
+  return static_cast<std::uint16_t>(ordered >= 0 ? ordered : 0x7FFF - ordered);
+}
+
 /// The value, clamped to 0..1, as the nearest of 0..255. NaN becomes 0.
 [[nodiscard]] inline std::uint8_t byte_from_float(float value) {
   return static_cast<std::uint8_t>(value > 0 ? std::min(value, 1.f) * 255 + 0.5f : 0.f);

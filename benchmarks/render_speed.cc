@@ -116,8 +116,8 @@ class GatherList {
     samples_.resize(samples_.size() + shape.bytes() / 4);
     const auto pin =
         cache_.load(tile_key({geometry_.entry_section(entry), geometry_.exit_section(exit)}));
-    if (pin && pin->page().color)
-      std::memcpy(samples_.data() + found->second, pin->page().color, shape.bytes());
+    if (pin && !pin->samples().empty())
+      std::memcpy(samples_.data() + found->second, pin->samples().data(), shape.bytes());
     return found->second;
   }
 

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 
+#include "base/try.h"
 #include "codec/scratch.h"
 #include "codec/zstd_frame.h"
 
@@ -42,21 +43,8 @@ unsigned uncovered(const LaneValues& coverage) {
   return count;
 }
 
-// Calls use(group, column, lane) for every stored sample, in stream order.
-template <class Use>
-void for_each_stored(const LaneStack& stack, Use use) {
-  const std::size_t columns = stack.tile.columns();
-  for (std::size_t group = 0; group < group_count(stack.tile); ++group) {
-    const std::size_t lanes = lanes_of(stack.tile, group);
-    const LaneValues* coverage = stack.coverage_of(group);
-    for (std::size_t column = 0; column < columns; ++column)
-      for (std::size_t lane = 0; lane < lanes; ++lane)
-        if (!coverage || coverage[column][lane] != 0) use(group, column, lane);
-  }
-}
-
-// The same, but calls use_all(group, column) for columns in which all lanes are stored, so that its
-// loop has constant length.
+// Calls use(group, column, lane) for every stored sample, in stream order, but use_all(group,
+// column) for columns in which all lanes are stored, so that its loop has constant length.
 template <class UseAll, class Use>
 void for_each_stored(const LaneStack& stack, UseAll use_all, Use use) {
   const std::size_t columns = stack.tile.columns();
@@ -72,6 +60,14 @@ void for_each_stored(const LaneStack& stack, UseAll use_all, Use use) {
         if (!coverage || coverage[column][lane] != 0) use(group, column, lane);
     }
   }
+}
+
+template <class Use>
+void for_each_stored(const LaneStack& stack, Use use) {
+  const auto use_all = [&](std::size_t group, std::size_t column) {
+    for (std::size_t lane = 0; lane < kLaneCount; ++lane) use(group, column, lane);
+  };
+  for_each_stored(stack, use_all, use);
 }
 
 // The residuals of channel 1 in a column of a group. Those of channel 2 are one channel further.
@@ -91,7 +87,7 @@ Result<void> append_channel(const LaneStack& stack, std::size_t channel,
       const std::size_t at = stack.offset(group) + channel * stack.tile.columns() + column;
       *to++ = static_cast<std::uint8_t>(residuals[at][lane] >> shift);
     });
-    if (auto done = append_stream(std::as_bytes(stream), level, payload); !done) return done;
+    SLF_TRY(append_stream(std::as_bytes(stream), level, payload));
   }
   return {};
 }
@@ -105,7 +101,7 @@ Result<void> read_channel(const LaneStack& stack, std::size_t channel, ByteSpan&
   for (std::size_t group = 0; group < group_count(stack.tile); ++group)
     std::fill_n(residuals + stack.offset(group) + channel * columns, columns, LaneValues{});
   for (unsigned shift = 0; shift < stack.group.bits; shift += 8) {
-    if (auto done = read_stream(payload, std::as_writable_bytes(stream)); !done) return done;
+    SLF_TRY(read_stream(payload, std::as_writable_bytes(stream)));
     const std::uint8_t* from = stream.data();
     const auto at = [&](std::size_t group, std::size_t column) -> LaneValues& {
       return residuals[stack.offset(group) + channel * columns + column];
@@ -145,7 +141,7 @@ Result<void> append_pair(const LaneStack& stack, const LaneValues* residuals, in
     escapes[escaped++] = static_cast<std::uint8_t>(first);
     escapes[escaped++] = static_cast<std::uint8_t>(second);
   });
-  if (auto done = append_stream(std::as_bytes(symbols), level, payload); !done) return done;
+  SLF_TRY(append_stream(std::as_bytes(symbols), level, payload));
   return append_stream(std::as_bytes(escapes.first(escaped)), level, payload);
 }
 
@@ -153,13 +149,13 @@ Result<void> append_pair(const LaneStack& stack, const LaneValues* residuals, in
 Result<void> read_pair(const LaneStack& stack, ByteSpan& payload, LaneValues* residuals) {
   thread_local Scratch<std::uint8_t> symbol_scratch, escape_scratch;
   const std::span<std::uint8_t> symbols = symbol_scratch.take(stack.stored);
-  if (auto done = read_stream(payload, std::as_writable_bytes(symbols)); !done) return done;
+  SLF_TRY(read_stream(payload, std::as_writable_bytes(symbols)));
   const auto escaped =
       static_cast<std::size_t>(std::count(symbols.begin(), symbols.end(), kPairEscape));
   const std::span<std::uint8_t> escapes = escape_scratch.take(2 * escaped);
-  if (auto done = read_stream(payload, std::as_writable_bytes(escapes)); !done) return done;
+  SLF_TRY(read_stream(payload, std::as_writable_bytes(escapes)));
   if (std::any_of(symbols.begin(), symbols.end(), [](auto s) { return s > kPairEscape; }))
-    return fail(ErrorCode::bad_file, "zstd: a symbol that does not exist");
+    return bad_file("zstd", "a symbol that does not exist");
 
   const std::size_t columns = stack.tile.columns();
   const std::uint8_t* from = symbols.data();
@@ -211,7 +207,7 @@ Result<void> append_stack(const LaneStack& stack, const LaneValues* values, Lane
             residuals + stack.offset(group));
   const std::size_t singles = paired ? 1 : stack.channels();
   for (std::size_t channel = 0; channel < singles; ++channel)
-    if (auto done = append_channel(stack, channel, residuals, level, payload); !done) return done;
+    SLF_TRY(append_channel(stack, channel, residuals, level, payload));
   if (paired) return append_pair(stack, residuals, level, payload);
   return {};
 }
@@ -220,10 +216,8 @@ Result<void> read_stack(const LaneStack& stack, bool paired, ByteSpan& payload,
                         LaneValues* residuals, LaneValues* values) {
   const std::size_t singles = paired ? 1 : stack.channels();
   for (std::size_t channel = 0; channel < singles; ++channel)
-    if (auto done = read_channel(stack, channel, payload, residuals); !done) return done;
-  if (paired) {
-    if (auto done = read_pair(stack, payload, residuals); !done) return done;
-  }
+    SLF_TRY(read_channel(stack, channel, payload, residuals));
+  if (paired) SLF_TRY(read_pair(stack, payload, residuals));
   for (std::size_t group = 0; group < group_count(stack.tile); ++group)
     restore(stack.group, residuals + stack.offset(group), values + stack.offset(group));
   return {};

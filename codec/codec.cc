@@ -37,6 +37,12 @@ std::optional<int> parse_int(std::string_view text, int low, int high) {
   return value;
 }
 
+// The first parameter, or `otherwise` if there is none.
+std::optional<int> first_parameter(const std::vector<std::string_view>& parts, int otherwise,
+                                   int high) {
+  return parts.size() > 1 ? parse_int(parts[1], 1, high) : otherwise;
+}
+
 tl::unexpected<Error> bad_spec(std::string_view spec) {
   return fail(ErrorCode::usage, "codec \"", spec,
               "\": expected raw, zstd[:LEVEL] with a level of 1 to 22, or "
@@ -46,33 +52,20 @@ tl::unexpected<Error> bad_spec(std::string_view spec) {
 
 Result<std::unique_ptr<Codec>> make_zstd(std::string_view spec, SampleFormat format,
                                          const std::vector<std::string_view>& parts) {
-  int level = kDefaultZstdLevel;
-  if (parts.size() > 2) return bad_spec(spec);
-  if (parts.size() == 2) {
-    const std::optional<int> given = parse_int(parts[1], 1, 22);
-    if (!given) return bad_spec(spec);
-    level = *given;
-  }
-  return make_zstd_codec(format, level);
+  const std::optional<int> level = first_parameter(parts, kDefaultZstdLevel, 22);
+  if (!level || parts.size() > 2) return bad_spec(spec);
+  return make_zstd_codec(format, *level);
 }
 
 Result<JpegOptions> jpeg_options(std::string_view spec, SampleFormat format,
                                  const std::vector<std::string_view>& parts) {
-  JpegOptions options{kDefaultJpegQuality, ChromaSampling::half};
-  if (parts.size() > 3) return bad_spec(spec);
-  if (parts.size() >= 2) {
-    const std::optional<int> given = parse_int(parts[1], 1, 100);
-    if (!given) return bad_spec(spec);
-    options.quality = *given;
-  }
-  if (parts.size() == 3) {
-    if (parts[2] != "420" && parts[2] != "444") return bad_spec(spec);
-    options.chroma = parts[2] == "444" ? ChromaSampling::full : ChromaSampling::half;
-  }
+  const std::optional<int> quality = first_parameter(parts, kDefaultJpegQuality, 100);
+  const std::string_view chroma = parts.size() > 2 ? parts[2] : "420";
+  if (!quality || parts.size() > 3 || (chroma != "420" && chroma != "444")) return bad_spec(spec);
   if (is_half(format))
     return fail(ErrorCode::unsupported, "codec \"", spec,
                 "\": JPEG cannot hold half floats; use zstd");
-  return options;
+  return JpegOptions{*quality, chroma == "444" ? JpegColor::ycbcr_444 : JpegColor::ycbcr_420};
 }
 
 Result<std::unique_ptr<Codec>> make_jpeg(std::string_view spec, SampleFormat format,
@@ -92,15 +85,11 @@ Result<PredictiveSettings> predictive_settings(std::string_view spec, SampleForm
                                                const std::vector<std::string_view>& parts) {
   if (!has_depth(format))
     return fail(ErrorCode::unsupported, "codec \"", spec, "\": needs depths beside the colours");
-  PredictiveSettings settings{kDefaultPredictiveQuality, format};
-  if (parts.size() > 2) return bad_spec(spec);
-  if (parts.size() == 2) {
-    const std::optional<int> given =
-        parts[1] == "lossless" ? kLosslessQuality : parse_int(parts[1], 1, 100);
-    if (!given) return bad_spec(spec);
-    settings.quality = *given;
-  }
-  return settings;
+  const std::optional<int> quality = parts.size() > 1 && parts[1] == "lossless"
+                                         ? kLosslessQuality
+                                         : first_parameter(parts, kDefaultPredictiveQuality, 100);
+  if (!quality || parts.size() > 2) return bad_spec(spec);
+  return PredictiveSettings{*quality, format};
 }
 
 Result<std::unique_ptr<Codec>> make_predictive(std::string_view spec, SampleFormat format,

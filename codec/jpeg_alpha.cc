@@ -52,7 +52,7 @@ Result<Candidate> as_jpeg(const TileShape& tile, const Mosaic& mosaic, const Jpe
                           std::span<const std::uint8_t> alpha) {
   Candidate result;
   result.payload.assign(5, static_cast<std::byte>(kInJpeg));
-  encode_scan(tables, JpegCoefficients(alpha_picture(tile, mosaic, alpha)), &result.payload,
+  encode_scan(tables, JpegCoefficients(gray_picture(tile, mosaic, alpha, true)), &result.payload,
               nullptr);
   store_le(&result.payload[1], static_cast<std::uint32_t>(result.payload.size() - 5));
   result.alpha.resize(alpha.size());
@@ -108,7 +108,7 @@ Result<void> append_jpeg_alpha(const TileShape& tile, const Mosaic& mosaic,
 
 Result<void> read_jpeg_alpha(const TileShape& tile, const Mosaic& mosaic, const JpegTables& tables,
                              ByteSpan& payload, std::span<std::uint8_t> alpha) {
-  if (payload.empty()) return fail(ErrorCode::bad_file, "JPEG: the tile is cut short");
+  if (payload.empty()) return bad_file("JPEG", "the tile is cut short");
   const auto top = std::to_integer<std::uint8_t>(payload[0]);
   payload = payload.subspan(1);
   if (top != kInJpeg) {
@@ -119,9 +119,9 @@ Result<void> read_jpeg_alpha(const TileShape& tile, const Mosaic& mosaic, const 
     for (std::uint8_t& value : alpha) value = opacity[value];
     return {};
   }
-  if (payload.size() < 4) return fail(ErrorCode::bad_file, "JPEG: the tile is cut short");
+  if (payload.size() < 4) return bad_file("JPEG", "the tile is cut short");
   const std::size_t size = load_le<std::uint32_t>(payload.data());
-  if (size > payload.size() - 4) return fail(ErrorCode::bad_file, "JPEG: the tile is cut short");
+  if (size > payload.size() - 4) return bad_file("JPEG", "the tile is cut short");
   thread_local Scratch<std::uint8_t> scratch;
   const auto pixels = scratch.take(mosaic.pixels());
   SLF_TRY(decode_scan(tables, shape_of(mosaic, JpegColor::gray), payload.subspan(4, size), pixels));

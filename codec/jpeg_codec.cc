@@ -6,12 +6,12 @@
 
 #include "base/try.h"
 #include "base/varint.h"
+#include "codec/color_kernel.h"
 #include "codec/jpeg_alpha.h"
 #include "codec/jpeg_decode.h"
 #include "codec/jpeg_encode.h"
 #include "codec/jpeg_pictures.h"
 #include "codec/mosaic.h"
-#include "codec/premultiply.h"
 #include "codec/scratch.h"
 
 namespace slf::codec {
@@ -26,20 +26,11 @@ std::span<const std::uint8_t> bytes_of(ByteSpan span) {
   return {reinterpret_cast<const std::uint8_t*>(span.data()), span.size()};
 }
 
-JpegColor color_of(const JpegOptions& options) {
-  return options.chroma == ChromaSampling::full ? JpegColor::ycbcr_444 : JpegColor::ycbcr_420;
-}
-
-tl::unexpected<Error> cut_short() {
-  return fail(ErrorCode::bad_file, "JPEG: the tile is cut short");
-}
-
 class JpegCodec final : public Codec {
  public:
   JpegCodec(SampleFormat format, const JpegOptions& options, const JpegTileTables& tables)
       : format_(format),
         options_(options),
-        color_(color_of(options)),
         tables_(tables),
         table_bytes_(to_bytes(tables.color)),
         can_encode_(is_complete(tables.color) && is_complete(tables.depth)) {
@@ -50,7 +41,7 @@ class JpegCodec final : public Codec {
 
   std::string spec() const override {
     std::string text = "jpeg:" + std::to_string(options_.quality);
-    if (color_ == JpegColor::ycbcr_444) text += ":444";
+    if (options_.color == JpegColor::ycbcr_444) text += ":444";
     return text;
   }
   bool lossless() const override { return false; }
@@ -69,7 +60,6 @@ class JpegCodec final : public Codec {
 
   SampleFormat format_;
   JpegOptions options_;
-  JpegColor color_;
   JpegTileTables tables_;
   Bytes table_bytes_;
   bool can_encode_;
@@ -80,8 +70,8 @@ Result<void> JpegCodec::encode(const TileShape& tile, ByteSpan samples, const Pr
   assert(tile.format == format_ && samples.size() == tile.bytes());
   payload.clear();
   if (tile.bytes() == 0) return {};
-  if (!can_encode_) return fail(ErrorCode::bad_file, "JPEG: the shared tables lack codes");
-  const Mosaic mosaic(tile.rows(), tile.side, alignment(color_));
+  if (!can_encode_) return bad_file("JPEG", "the shared tables lack codes");
+  const Mosaic mosaic(tile.rows(), tile.side, alignment(options_.color));
   if (!fits_jpeg(mosaic))
     return fail(ErrorCode::unsupported, "JPEG: a tile of ", tile.rows(), " pictures of side ",
                 tile.side, " is too large");
@@ -90,8 +80,8 @@ Result<void> JpegCodec::encode(const TileShape& tile, ByteSpan samples, const Pr
     const Mosaic depth_mosaic(tile.rows(), tile.side, alignment(JpegColor::gray));
     const auto depths = bytes_of(samples).subspan(tile.color_bytes());
     Bytes scan;
-    encode_scan(tables_.depth, JpegCoefficients(depth_picture(tile, depth_mosaic, depths)), &scan,
-                nullptr);
+    encode_scan(tables_.depth, JpegCoefficients(gray_picture(tile, depth_mosaic, depths, false)),
+                &scan, nullptr);
     append_varint(payload, scan.size());
     payload.insert(payload.end(), scan.begin(), scan.end());
   }
@@ -99,7 +89,8 @@ Result<void> JpegCodec::encode(const TileShape& tile, ByteSpan samples, const Pr
   const bool exact = options_.quality >= kExactAlphaQuality;
   SLF_TRY(append_jpeg_alpha(tile, mosaic, tables_.color, exact, alpha, payload));
   if (std::all_of(alpha.begin(), alpha.end(), [](auto a) { return a == 0; })) return {};
-  encode_scan(tables_.color, JpegCoefficients(color_picture(tile, mosaic, color_, colors, alpha)),
+  encode_scan(tables_.color,
+              JpegCoefficients(color_picture(tile, mosaic, options_.color, colors, alpha)),
               &payload, nullptr);
   return {};
 }
@@ -121,11 +112,10 @@ Result<void> JpegCodec::decode(const TileShape& tile, ByteSpan payload, const Pr
                                std::span<std::byte> samples) const {
   assert(tile.format == format_ && samples.size() == tile.bytes());
   if (tile.bytes() == 0 && payload.empty()) return {};
-  if (tile.bytes() == 0) return fail(ErrorCode::bad_file, "JPEG: bytes for a tile without rows");
-  const Mosaic mosaic(tile.rows(), tile.side, alignment(color_));
+  if (tile.bytes() == 0) return bad_file("JPEG", "bytes for a tile without rows");
+  const Mosaic mosaic(tile.rows(), tile.side, alignment(options_.color));
   if (!fits_jpeg(mosaic))
-    return fail(ErrorCode::bad_file, "JPEG: no tile of ", tile.rows(), " pictures of side ",
-                tile.side, " fits");
+    return bad_file("JPEG", "no tile of ", tile.rows(), " pictures of side ", tile.side, " fits");
   if (has_depth(format_)) SLF_TRY(decode_depth(tile, payload, samples.subspan(tile.color_bytes())));
   return decode_color(tile, mosaic, payload, samples.first(tile.color_bytes()));
 }
@@ -134,7 +124,7 @@ Result<void> JpegCodec::decode_depth(const TileShape& tile, ByteSpan& payload,
                                      std::span<std::byte> depths) const {
   const Mosaic mosaic(tile.rows(), tile.side, alignment(JpegColor::gray));
   const auto size = take_varint(payload);
-  if (!size || *size > payload.size()) return cut_short();
+  if (!size || *size > payload.size()) return bad_file("JPEG", "the tile is cut short");
   thread_local Scratch<std::uint8_t> scratch;
   const auto pixels = scratch.take(mosaic.pixels());
   SLF_TRY(
@@ -149,16 +139,17 @@ Result<void> JpegCodec::decode_depth(const TileShape& tile, ByteSpan& payload,
 Result<void> JpegCodec::decode_color(const TileShape& tile, const Mosaic& mosaic, ByteSpan payload,
                                      std::span<std::byte> colors) const {
   thread_local Scratch<std::uint8_t> pixel_scratch, alpha_scratch;
-  const auto pixels = pixel_scratch.take(mosaic.pixels() * pixel_bytes(color_));
+  const auto pixels = pixel_scratch.take(mosaic.pixels() * pixel_bytes(options_.color));
   const auto alpha = alpha_scratch.take(tile.samples());
   SLF_TRY(read_jpeg_alpha(tile, mosaic, tables_.color, payload, alpha));
   if (payload.empty()) {
     // Only a tile that is transparent everywhere has no picture.
-    if (std::any_of(alpha.begin(), alpha.end(), [](auto a) { return a != 0; })) return cut_short();
+    if (std::any_of(alpha.begin(), alpha.end(), [](auto a) { return a != 0; }))
+      return bad_file("JPEG", "the tile is cut short");
     std::fill(colors.begin(), colors.end(), std::byte{0});
     return {};
   }
-  SLF_TRY(decode_scan(tables_.color, shape_of(mosaic, color_), payload, pixels));
+  SLF_TRY(decode_scan(tables_.color, shape_of(mosaic, options_.color), payload, pixels));
   blend(tile, mosaic, pixels, alpha, colors);
   return {};
 }
@@ -190,7 +181,7 @@ std::unique_ptr<Codec> make_jpeg_codec(SampleFormat format, const JpegOptions& o
 
 JpegTileTables train_tables(SampleFormat format, const JpegOptions& options,
                             std::span<const TrainingTile> sample) {
-  const JpegColor color = color_of(options);
+  const JpegColor color = options.color;
   std::vector<JpegCoefficients> colors, depths;
   for (const TrainingTile& training : sample) {
     const TileShape& tile = training.tile;
@@ -201,7 +192,7 @@ JpegTileTables train_tables(SampleFormat format, const JpegOptions& options,
     colors.emplace_back(color_picture(tile, mosaic, color, rgba, alpha_of(rgba)));
     if (!has_depth(format)) continue;
     const Mosaic depth_mosaic(tile.rows(), tile.side, alignment(JpegColor::gray));
-    depths.emplace_back(depth_picture(tile, depth_mosaic, from.subspan(tile.color_bytes())));
+    depths.emplace_back(gray_picture(tile, depth_mosaic, from.subspan(tile.color_bytes()), false));
   }
   JpegTileTables tables = standard_tables(options);
   fit_codes(colors, tables.color);

@@ -4,15 +4,14 @@
 #include <memory>
 
 #include "codec/codec.h"
+#include "codec/jpeg_decode.h"
 #include "codec/jpeg_tables.h"
 
 namespace slf::codec {
 
-enum class ChromaSampling : std::uint8_t { full, half };
-
 struct JpegOptions {
   int quality = 75;  ///< 1..100
-  ChromaSampling chroma = ChromaSampling::half;
+  JpegColor color = JpegColor::ycbcr_420;
 };
 
 /// The tables of the streams of a tile: of its colours, and of its depths if it has any.

@@ -4,8 +4,6 @@
 #include <jpeglib.h>
 #include <cstddef>
 #include <cstdio>
-// jerror.h needs jpeglib.h.
-#include <jerror.h>
 
 #include <cassert>
 #include <csetjmp>
@@ -47,9 +45,8 @@ void append(Bytes& to, std::initializer_list<int> values) {
   for (const int value : values) to.push_back(static_cast<std::byte>(value));
 }
 
-// The part of a JPEG stream before its entropy-coded bytes: the tables, a frame header (SOF0) and a
-// scan header (SOS).
-Bytes stream_header(const JpegTables& tables, const JpegShape& shape) {
+// A JPEG stream: the tables, a frame header (SOF0), a scan header (SOS) and the scan.
+Bytes stream_of(const JpegTables& tables, const JpegShape& shape, ByteSpan scan) {
   Bytes bytes = to_bytes(tables);
   bytes.resize(bytes.size() - 2);  // EOI
   const int components = shape.color == JpegColor::gray ? 1 : 3;
@@ -62,39 +59,9 @@ Bytes stream_header(const JpegTables& tables, const JpegShape& shape) {
   append(bytes, {0xFF, 0xDA, 0, 6 + 2 * components, components});
   for (int i = 0; i < components; ++i) append(bytes, {i + 1, i == 0 ? 0 : 0x11});
   append(bytes, {0, 63, 0});
+  bytes.insert(bytes.end(), scan.begin(), scan.end());
+  append(bytes, {0xFF, 0xD9});  // EOI
   return bytes;
-}
-
-// Feeds header, scan and an EOI to libjpeg one after the other, without concatenating them.
-struct ChunkSource {
-  jpeg_source_mgr base;
-  ByteSpan chunks[3];
-  int next = 0;
-};
-
-constexpr std::byte kEndOfImage[2] = {std::byte{0xFF}, std::byte{0xD9}};
-
-void start_source(j_decompress_ptr) {}
-void end_source(j_decompress_ptr) {}
-
-boolean next_chunk(j_decompress_ptr info) {
-  auto* source = reinterpret_cast<ChunkSource*>(info->src);
-  while (source->next < 3 && source->chunks[source->next].empty()) ++source->next;
-  if (source->next == 3) ERREXIT(info, JERR_INPUT_EOF);
-  const ByteSpan chunk = source->chunks[source->next++];
-  source->base.next_input_byte = reinterpret_cast<const JOCTET*>(chunk.data());
-  source->base.bytes_in_buffer = chunk.size();
-  return TRUE;
-}
-
-void skip_bytes(j_decompress_ptr info, long count) {
-  jpeg_source_mgr& source = *info->src;
-  while (count > static_cast<long>(source.bytes_in_buffer)) {
-    count -= static_cast<long>(source.bytes_in_buffer);
-    next_chunk(info);
-  }
-  source.next_input_byte += count > 0 ? count : 0;
-  source.bytes_in_buffer -= static_cast<std::size_t>(count > 0 ? count : 0);
 }
 
 // A decompressor; each thread keeps one from tile to tile.
@@ -113,19 +80,13 @@ class Decompressor {
   Decompressor& operator=(const Decompressor&) = delete;
 
   // Returns null, or a message if it fails.
-  const char* decode(ByteSpan header, ByteSpan scan, const JpegShape& shape, std::uint8_t* pixels) {
+  const char* decode(ByteSpan stream, const JpegShape& shape, std::uint8_t* pixels) {
     if (!created_) return "out of memory";
-    source_.base = {nullptr,   0, start_source, next_chunk, skip_bytes, jpeg_resync_to_restart,
-                    end_source};
-    source_.chunks[0] = header;
-    source_.chunks[1] = scan;
-    source_.chunks[2] = kEndOfImage;
-    source_.next = 0;
-    info_.src = &source_.base;
     if (setjmp(errors_.jump)) {
       jpeg_abort_decompress(&info_);
       return errors_.message;
     }
+    jpeg_mem_src(&info_, reinterpret_cast<const unsigned char*>(stream.data()), stream.size());
     jpeg_read_header(&info_, TRUE);
     if (shape.color != JpegColor::gray) {
       info_.jpeg_color_space = JCS_YCbCr;
@@ -144,7 +105,6 @@ class Decompressor {
  private:
   jpeg_decompress_struct info_{};
   ErrorManager errors_{};
-  ChunkSource source_{};
   bool created_ = false;
 };
 
@@ -166,11 +126,11 @@ bool has_marker(ByteSpan scan) {
 Result<void> decode_scan(const JpegTables& tables, const JpegShape& shape, ByteSpan scan,
                          std::span<std::uint8_t> pixels) {
   assert(pixels.size() == std::size_t{shape.width} * shape.height * pixel_bytes(shape.color));
-  if (has_marker(scan)) return fail(ErrorCode::bad_file, "JPEG: a marker inside the scan");
+  if (has_marker(scan)) return bad_file("JPEG", "a marker inside the scan");
   thread_local Decompressor decompressor;
-  const Bytes header = stream_header(tables, shape);
-  if (const char* wrong = decompressor.decode(header, scan, shape, pixels.data()))
-    return fail(ErrorCode::bad_file, "JPEG: ", wrong);
+  const Bytes stream = stream_of(tables, shape, scan);
+  if (const char* wrong = decompressor.decode(stream, shape, pixels.data()))
+    return bad_file("JPEG", wrong);
   return {};
 }
 

@@ -27,22 +27,12 @@ JpegShape shape_of(const Mosaic& mosaic, JpegColor color) {
           color};
 }
 
-JpegPicture depth_picture(const TileShape& tile, const Mosaic& mosaic,
-                          std::span<const std::uint8_t> depth) {
+JpegPicture gray_picture(const TileShape& tile, const Mosaic& mosaic,
+                         std::span<const std::uint8_t> gray, bool zeros_matter) {
   JpegPicture picture = empty_picture(mosaic, JpegColor::gray);
   for_each_sample(tile, mosaic, [&](std::size_t sample, std::size_t pixel) {
-    picture.planes[0][pixel] = depth[sample];
-    picture.weight[pixel] = depth[sample] != 0 ? 1 : 0;
-  });
-  return picture;
-}
-
-JpegPicture alpha_picture(const TileShape& tile, const Mosaic& mosaic,
-                          std::span<const std::uint8_t> alpha) {
-  JpegPicture picture = empty_picture(mosaic, JpegColor::gray);
-  for_each_sample(tile, mosaic, [&](std::size_t sample, std::size_t pixel) {
-    picture.planes[0][pixel] = alpha[sample];
-    picture.weight[pixel] = 1;
+    picture.planes[0][pixel] = gray[sample];
+    picture.weight[pixel] = zeros_matter || gray[sample] != 0 ? 1 : 0;
   });
   return picture;
 }

@@ -28,13 +28,10 @@ void for_each_sample(const TileShape& tile, const Mosaic& mosaic, Use use) {
 
 [[nodiscard]] JpegShape shape_of(const Mosaic& mosaic, JpegColor color);
 
-/// Depth as grey. Pixels with a depth of 0, where nothing is visible, get weight 0.
-[[nodiscard]] JpegPicture depth_picture(const TileShape& tile, const Mosaic& mosaic,
-                                        std::span<const std::uint8_t> depth);
-
-/// Alpha as grey. All pixels have weight 1.
-[[nodiscard]] JpegPicture alpha_picture(const TileShape& tile, const Mosaic& mosaic,
-                                        std::span<const std::uint8_t> alpha);
+/// Alpha or depth as grey. Pixels have weight 1 but, unless `zeros_matter`, 0 where the value is 0:
+/// such a depth is that of nothing.
+[[nodiscard]] JpegPicture gray_picture(const TileShape& tile, const Mosaic& mosaic,
+                                       std::span<const std::uint8_t> gray, bool zeros_matter);
 
 /// Straight colour, so that a silhouette is no edge in the picture. The weight of a pixel is its
 /// alpha, or 0 where `shown`, the alpha that the decoder will have, is 0.

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "base/half.h"
 #include "base/try.h"
 #include "codec/byte_streams.h"
 #include "codec/scratch.h"
@@ -9,16 +10,12 @@
 namespace slf::codec {
 namespace {
 
-constexpr std::uint16_t kHalfSign = 0x8000;
 // Differences of halves are centred on this value, so that small ones of either sign do not wrap.
 constexpr std::uint16_t kDifferenceOrigin = 0x8000;
 
-std::uint16_t to_ordered(std::uint16_t half) {
-  return half < kHalfSign ? half : static_cast<std::uint16_t>(~(half - kHalfSign));
-}
-
+// Values in lanes are those of ordered_half() modulo 2^16.
 std::uint16_t from_ordered(std::uint16_t value) {
-  return value < kHalfSign ? value : static_cast<std::uint16_t>(kHalfSign | ~value);
+  return half_of_ordered(static_cast<std::int16_t>(value));
 }
 
 // One group of a tile: its lanes, and the samples of its first picture.
@@ -61,7 +58,7 @@ void load_rgba16f(const Loading& group) {
   for (std::size_t lane = 0; lane < group.lanes; ++lane)
     for (std::size_t i = 0; i < group.columns; ++i, from += 8) {
       const auto at = [&](std::size_t c) {
-        return to_ordered(load_le<std::uint16_t>(from + 2 * c));
+        return static_cast<std::uint16_t>(ordered_half(load_le<std::uint16_t>(from + 2 * c)));
       };
       const int green = at(1);
       group.channel(0, i)[lane] = static_cast<std::uint16_t>(green);

@@ -1,5 +1,6 @@
 #include "codec/lanes.h"
 
+#include "base/tile_shape.h"
 #include "codec/scratch.h"
 
 #undef HWY_TARGET_INCLUDE
@@ -124,7 +125,7 @@ void walk(const LaneGroup& group, const LaneValues* from, const LaneValues* cove
     for (std::size_t i = 0; i < kMaxTaps; ++i)
       weights[channel][i] = group.channels[channel].weights[i];
   Lines lines(group.side);
-  const std::size_t columns = std::size_t{group.side + 1} * (group.side + 2) / 2;
+  const std::size_t columns = triangle_size(group.side);
   const auto mask = hn::Set(ints, (1 << group.bits) - 1);
 
   std::size_t column = 0;

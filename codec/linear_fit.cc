@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "base/tile_shape.h"
 #include "codec/linear_system.h"
 
 namespace slf::codec {
@@ -25,7 +26,7 @@ std::array<std::size_t, kOwnTaps> neighbours(std::uint32_t side, std::uint32_t p
 
 void LinearFit::add(std::uint32_t side, std::size_t lanes, const LaneValues* values,
                     const LaneValues* coverage) {
-  const std::size_t columns = std::size_t{side + 1} * (side + 2) / 2;
+  const std::size_t columns = triangle_size(side);
   const std::size_t terms = kTermsPerChannel * channels_;
   std::array<double, kMaxTerms> term{};
   std::size_t column = 1;  // the first sample has no neighbours

@@ -3,7 +3,7 @@
 #include <algorithm>
 
 #include "base/half.h"
-#include "codec/premultiply.h"
+#include "codec/color_kernel.h"
 
 namespace slf::codec {
 namespace {

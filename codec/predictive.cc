@@ -6,11 +6,10 @@
 #include <limits>
 #include <tuple>
 
-#include "codec/color_difference.h"
+#include "codec/color_kernel.h"
 #include "codec/fill.h"
 #include "codec/jpeg_pictures.h"
 #include "codec/mosaic.h"
-#include "codec/premultiply.h"
 #include "codec/reference_coder.h"
 #include "codec/scratch.h"
 #include "codec/zigzag.h"
@@ -157,7 +156,7 @@ void PredictiveEncoder::encode_plane(std::size_t plane, const SymbolList& symbol
                               ? level_.models->block_sets
                               : best_set(symbols, level_.models->blocks).first;
   coder_.symbol(level_.level_models().block_set[plane], static_cast<std::uint32_t>(set));
-  if (!symbols.entries().empty()) coder_.list(symbols, level_.models->block_models(set));
+  if (!symbols.entries().empty()) coder_.list(symbols, level_.models->blocks[set]->models());
   if (symbols_) symbols_->planes[plane] = symbols;
 }
 
@@ -228,7 +227,7 @@ void PredictiveEncoder::encode(const Prediction& prediction, std::span<const std
     encode_plane(kSoftAlpha, alpha.symbols);
   } else {
     states_.assign(states_.size(), {});
-    coder_.list(alpha.symbols, level_.models->alpha_models(alpha.set));
+    coder_.list(alpha.symbols, level_.models->alpha[alpha.set]->models());
     if (symbols_) symbols_->alpha = alpha.symbols;
   }
 
@@ -338,7 +337,7 @@ bool PredictiveDecoder::decode_plane(std::size_t plane, std::span<const std::uin
   std::fill(work.difference.begin(), work.difference.end(), std::int16_t{0});
   const std::array<std::int32_t, 64> steps = steps_of(level_, plane).steps();
   const std::size_t across = picture_.width() / 8;
-  SymbolDecoder decoder(coder_, level_.models->block_models(set).data());
+  SymbolDecoder decoder(coder_, level_.models->blocks[set]->models().data());
   for (std::size_t b = 0; b < work.states.size(); ++b) {
     if (!coded[b]) {
       work.states[b] = {};
@@ -360,7 +359,7 @@ void PredictiveDecoder::decode_levels(std::size_t set, const Prediction& predict
     work.predicted[pixel_of[s]] = prediction.alpha[s];
   find_expected(work.predicted, work.expected);
   std::copy(work.expected.begin(), work.expected.end(), work.levels.begin());
-  SymbolDecoder decoder(coder_, level_.models->alpha_models(set).data());
+  SymbolDecoder decoder(coder_, level_.models->alpha[set]->models().data());
   code_alpha(decoder, {picture_.width(), picture_.height(), picture_.covered(), work.predicted,
                        work.expected, work.levels, work.off});
   for (std::size_t s = 0; s < work.alpha.size(); ++s)

@@ -8,9 +8,9 @@
 
 #include "base/half.h"
 #include "base/try.h"
+#include "codec/color_kernel.h"
 #include "codec/linear_system.h"
 #include "codec/log_colors.h"
-#include "codec/premultiply.h"
 #include "codec/range_coder.h"
 #include "codec/reference_coder.h"
 #include "codec/residual_coder.h"

@@ -13,14 +13,6 @@
 
 namespace slf::codec {
 
-/// A half float as an integer that grows with it, -32768..32767; and back.
-[[nodiscard]] constexpr std::int32_t ordered_half(std::uint16_t bits) {
-  return bits < 0x8000 ? bits : 0x7FFF - static_cast<std::int32_t>(bits);
-}
-[[nodiscard]] constexpr std::uint16_t half_of_ordered(std::int32_t ordered) {
-  return static_cast<std::uint16_t>(ordered >= 0 ? ordered : 0x7FFF - ordered);
-}
-
 /// Encodes the samples of a tile with depths and appends them to `payload`.
 void encode_channels(const PredictiveLevel& level, const TileShape& tile, ByteSpan samples,
                      const Predicted& from, Bytes& payload);

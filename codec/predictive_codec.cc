@@ -44,7 +44,12 @@ std::vector<std::uint8_t> PredictiveCodec::references(unsigned level,
                                                       std::span<const std::uint8_t> kinds,
                                                       ByteSpan payload) const {
   std::vector<std::uint8_t> used(kinds.size());
-  decode_references(tables_.level(level), settings_.by_sample(), payload, kinds, used);
+  LevelModels::Used models = tables_.level(level).level_models().used;
+  const auto decode = [&](auto decoder) { code_references(decoder, models, kinds, used); };
+  if (settings_.by_sample())
+    decode(RangeDecoder(payload));
+  else
+    decode(RansDecoder(payload));
   return used;
 }
 
@@ -78,8 +83,7 @@ Result<void> PredictiveCodec::decode(const TileShape& tile, ByteSpan payload,
                                      std::span<std::byte> samples) const {
   assert(tile.format == settings_.format && samples.size() == tile.bytes());
   if (tile.bytes() == 0 && payload.empty()) return {};
-  if (tile.bytes() == 0)
-    return fail(ErrorCode::bad_file, "predictive: bytes for a tile without rows");
+  if (tile.bytes() == 0) return bad_file("predictive", "bytes for a tile without rows");
   const Predicted from = predicted ? *predicted : unpredicted(tile.samples());
   return settings_.by_sample()
              ? decode_channels(tables_.level(from.level), tile, payload, from, samples)
@@ -90,12 +94,8 @@ void PredictiveCodec::encode_blocks(const TileShape& tile, ByteSpan samples, con
                                     Bytes& payload) const {
   const std::size_t count = tile.samples();
   std::vector<std::uint32_t> rgba(count);
-  std::vector<std::uint8_t> alpha(count), depth(count);
-  for (std::size_t s = 0; s < count; ++s) {
-    rgba[s] = load_le<std::uint32_t>(samples.data() + 4 * s);
-    alpha[s] = static_cast<std::uint8_t>(rgba[s] >> 24);
-    depth[s] = std::to_integer<std::uint8_t>(samples[4 * count + s]);
-  }
+  for (std::size_t s = 0; s < count; ++s) rgba[s] = load_le<std::uint32_t>(samples.data() + 4 * s);
+  const std::span depth(reinterpret_cast<const std::uint8_t*>(&samples[4 * count]), count);
   TileSymbols symbols;
   PredictiveEncoder encoder(tables_.level(from.level), picture(tile), payload);
   if (observer_) encoder.collect(&symbols);

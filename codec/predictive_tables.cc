@@ -10,6 +10,7 @@
 namespace slf::codec {
 namespace {
 
+constexpr const char* kTables = "shared tables of a predictive codec";  // in errors
 constexpr std::size_t kStepBytes = kPredictivePlanes * 4;
 /// The first byte of the tables: their version. Others are of older releases, whose tiles were
 /// coded in another way.
@@ -59,7 +60,7 @@ void read_weights(std::span<const std::uint8_t> weights, PredictiveModels& model
 Result<PredictiveModels> unpack_models(ByteSpan packed) {
   PredictiveModels models;
   if (packed.size() < std::size_t{kUsedBytes} + 2)
-    return fail(ErrorCode::bad_file, "shared tables of a predictive codec: end before the models");
+    return bad_file(kTables, "end before the models");
   std::size_t at = 0;
   for (LevelModels& level : models.levels)
     for (auto& of_kind : level.used)
@@ -69,19 +70,16 @@ Result<PredictiveModels> unpack_models(ByteSpan packed) {
   models.block_sets = std::to_integer<std::size_t>(packed[at++]);
   packed = packed.subspan(at);
   if (models.alpha_sets > kMaxSets || models.block_sets > kMaxSets)
-    return fail(ErrorCode::bad_file, "shared tables of a predictive codec: more than ", kMaxSets,
-                " sets of models");
+    return bad_file(kTables, "more than ", kMaxSets, " sets of models");
   if (models.alpha_sets + models.block_sets > 0) {
     std::vector<std::uint8_t> weights(stored_weights(models.alpha_sets, models.block_sets));
     SLF_TRY(read_stream(packed, std::as_writable_bytes(std::span(weights))));
     if (std::any_of(weights.begin(), weights.end(),
                     [](std::uint8_t w) { return w >= SymbolModel::kWeights; }))
-      return fail(ErrorCode::bad_file, "shared tables of a predictive codec: a weight above 63");
+      return bad_file(kTables, "a weight above 63");
     read_weights(weights, models);
   }
-  if (!packed.empty())
-    return fail(ErrorCode::bad_file, "shared tables of a predictive codec: ", packed.size(),
-                " bytes are left over");
+  if (!packed.empty()) return bad_file(kTables, packed.size(), " bytes are left over");
   return models;
 }
 
@@ -215,14 +213,14 @@ Bytes to_bytes(const PredictiveTables& tables) {
 
 Result<PredictiveTables> parse_predictive_tables(ByteSpan bytes) {
   if (bytes.empty() || bytes[0] != kVersion)
-    return fail(ErrorCode::bad_file,
-                "shared tables of a predictive codec: not those of this release, but of one "
-                "before 0.3, which coded tiles in another way");
+    return bad_file(
+        kTables,
+        "not those of this release, but of one before 0.3, which coded tiles in another "
+        "way");
   const std::size_t levels = bytes.size() < 2 ? 0 : std::to_integer<std::size_t>(bytes[1]);
   const std::size_t models = 2 + levels * kStepBytes;
   if (levels == 0 || bytes.size() < models)
-    return fail(ErrorCode::bad_file, "shared tables of a predictive codec: ", bytes.size(),
-                " bytes, too few for the steps of ", levels, " levels");
+    return bad_file(kTables, bytes.size(), " bytes, too few for the steps of ", levels, " levels");
   auto unpacked = SLF_TRY(unpack_models(bytes.subspan(models)));
   const auto shared = std::make_shared<PredictiveModels>(std::move(unpacked));
   PredictiveTables tables{{},
@@ -233,7 +231,7 @@ Result<PredictiveTables> parse_predictive_tables(ByteSpan bytes) {
       const std::byte* at = bytes.data() + 2 + level * kStepBytes + plane * 4;
       read.steps[plane] = {load_le<std::uint16_t>(at), load_le<std::uint16_t>(at + 2)};
       if (read.steps[plane].low == 0 || read.steps[plane].high == 0)
-        return fail(ErrorCode::bad_file, "shared tables of a predictive codec: a step of 0");
+        return bad_file(kTables, "a step of 0");
     }
     read.models = shared;
     read.kind = level == 0 ? 0 : 1;

@@ -68,13 +68,6 @@ struct PredictiveModels {
   std::array<LevelModels, 2> levels;
   std::size_t alpha_sets = 0, block_sets = 0;  ///< 0 of both where tiles are coded by sample
   std::vector<std::shared_ptr<const ModelSet>> alpha, blocks;
-
-  [[nodiscard]] std::span<const SymbolModel> alpha_models(std::size_t set) const {
-    return alpha[set]->models();
-  }
-  [[nodiscard]] std::span<const SymbolModel> block_models(std::size_t set) const {
-    return blocks[set]->models();
-  }
 };
 
 /// The tiles of one level.

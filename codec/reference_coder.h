@@ -12,8 +12,8 @@
 
 namespace slf::codec {
 
-/// Codes which candidates are used. `kinds`, below kReferenceKinds, select the model: candidates of
-/// one kind are used about equally often.
+/// Codes which candidates are used: with these a payload begins. `kinds`, below kReferenceKinds,
+/// select the model: candidates of one kind are used about equally often.
 template <class Coder, class Models>
 void code_references(Coder& coder, Models& models, std::span<const std::uint8_t> kinds,
                      std::span<std::uint8_t> used) {
@@ -21,19 +21,6 @@ void code_references(Coder& coder, Models& models, std::span<const std::uint8_t>
   for (std::size_t k = 0; k < used.size(); ++k) {
     last = coder.bit(models[kinds[k]][last ? 1 : 0], used[k] != 0);
     used[k] = last ? 1 : 0;
-  }
-}
-
-/// Decodes the references, with which a payload begins; untrusted.
-inline void decode_references(const PredictiveLevel& level, bool by_sample, ByteSpan payload,
-                              std::span<const std::uint8_t> kinds, std::span<std::uint8_t> used) {
-  LevelModels::Used models = level.level_models().used;
-  if (by_sample) {
-    RangeDecoder decoder(payload);
-    code_references(decoder, models, kinds, used);
-  } else {
-    RansDecoder decoder(payload);
-    code_references(decoder, models, kinds, used);
   }
 }
 

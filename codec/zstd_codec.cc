@@ -112,14 +112,14 @@ Result<void> append_colors(const TileShape& tile, ByteSpan colors, int level, Wo
 
 Result<void> read_colors(const TileShape& tile, ByteSpan& payload, Workspace& work,
                          std::span<std::byte> colors) {
-  if (payload.empty()) return fail(ErrorCode::bad_file, "zstd: the tile is cut short");
+  if (payload.empty()) return bad_file("zstd", "the tile is cut short");
   const auto flag = std::to_integer<std::uint8_t>(payload[0]);
   const bool keeps_clear = flag == kKeepsClear;
   payload = payload.subspan(1);
   const bool bytes = !is_half(tile.format);
   ChannelPredictor predictors[kColorChannels];
   if (flag > kKeepsClear || (bytes && !read_weights(payload, predictors)))
-    return fail(ErrorCode::bad_file, "zstd: the tile's header is damaged");
+    return bad_file("zstd", "the tile's header is damaged");
   SLF_TRY(read_stack(alpha_stack(tile), false, payload, work.residuals, work.alpha));
   const LaneStack stack{
       tile, {tile.side, value_bits(tile.format), predictors}, keeps_clear ? nullptr : work.alpha};
@@ -144,13 +144,13 @@ Result<void> ZstdCodec::decode(const TileShape& tile, ByteSpan payload, const Pr
                                std::span<std::byte> samples) const {
   assert(tile.format == format_ && samples.size() == tile.bytes());
   if (tile.bytes() == 0 && payload.empty()) return {};
-  if (tile.bytes() == 0) return fail(ErrorCode::bad_file, "zstd: bytes for a tile without rows");
+  if (tile.bytes() == 0) return bad_file("zstd", "bytes for a tile without rows");
   thread_local Workspace work;
   work.size_for(tile);
   SLF_TRY(read_colors(tile, payload, work, samples.first(tile.color_bytes())));
   if (has_depth(format_)) SLF_TRY(read_bytes(tile, payload, samples.subspan(tile.color_bytes())));
   if (payload.empty()) return {};
-  return fail(ErrorCode::bad_file, "zstd: ", payload.size(), " bytes too many");
+  return bad_file("zstd", payload.size(), " bytes too many");
 }
 
 }  // namespace

@@ -5,6 +5,8 @@
 #include <memory>
 #include <utility>
 
+#include "base/try.h"
+
 namespace slf::codec {
 namespace {
 
@@ -43,13 +45,12 @@ Result<void> append_frame(ByteSpan stream, Parameters parameters, Bytes& to) {
 Result<void> append_stream(ByteSpan stream, int level, Bytes& to) {
   if (stream.empty()) return {};
   const std::size_t begin = to.size();
-  if (auto done = append_frame(stream, kEntropyOnly, to); !done) return done;
+  SLF_TRY(append_frame(stream, kEntropyOnly, to));
   // A stream of more than 3 bits per byte has no matches worth coding.
   const std::size_t entropy_size = to.size() - begin;
   if (entropy_size > stream.size() * 3 / 8) return {};
   Bytes matched;
-  if (auto done = append_frame(stream, {{ZSTD_c_compressionLevel, level}}, matched); !done)
-    return done;
+  SLF_TRY(append_frame(stream, {{ZSTD_c_compressionLevel, level}}, matched));
   if (matched.size() >= entropy_size) return {};
   to.resize(begin);
   to.insert(to.end(), matched.begin(), matched.end());
@@ -61,12 +62,12 @@ Result<void> read_stream(ByteSpan& bytes, std::span<std::byte> stream) {
   thread_local const std::unique_ptr<ZSTD_DCtx, FreeContext> context(ZSTD_createDCtx());
   if (!context) return fail(ErrorCode::out_of_memory, "zstd: out of memory");
   const std::size_t frame = ZSTD_findFrameCompressedSize(bytes.data(), bytes.size());
-  if (ZSTD_isError(frame)) return fail(ErrorCode::bad_file, "zstd: ", ZSTD_getErrorName(frame));
+  if (ZSTD_isError(frame)) return bad_file("zstd", ZSTD_getErrorName(frame));
   const std::size_t size =
       ZSTD_decompressDCtx(context.get(), stream.data(), stream.size(), bytes.data(), frame);
-  if (ZSTD_isError(size)) return fail(ErrorCode::bad_file, "zstd: ", ZSTD_getErrorName(size));
+  if (ZSTD_isError(size)) return bad_file("zstd", ZSTD_getErrorName(size));
   if (size != stream.size())
-    return fail(ErrorCode::bad_file, "zstd: expected ", stream.size(), " bytes, found ", size);
+    return bad_file("zstd", "expected ", stream.size(), " bytes, found ", size);
   bytes = bytes.subspan(frame);
   return {};
 }

@@ -32,9 +32,9 @@ Result<std::shared_ptr<const FieldFile>> FieldFile::open(const storage::TileStor
   const auto tables = SLF_TRY(store.blob(kTablesBlob));
   auto codec = codec::make_codec(manifest.codec, manifest.format, tables);
   if (!codec && codec.error().code == ErrorCode::usage)
-    return fail(ErrorCode::unsupported, path, ": this program does not know its codec \"",
-                manifest.codec, "\"; update slf");
-  if (!codec) return fail(ErrorCode::bad_file, path, ": ", codec.error().message);
+    return unsupported(path, "this program does not know its codec \"", manifest.codec,
+                       "\"; update slf");
+  if (!codec) return bad_file(path, codec.error().message);
   std::shared_ptr<FieldFile> field(new FieldFile(std::move(store), std::move(manifest)));
   field->state_ = whole ? 0 : state;
   field->codec_ = std::move(*codec);
@@ -321,7 +321,7 @@ namespace {
 Result<void> check_structure(const Structure& structure, const Field& field) {
   const Field& one = structure.field;
   const auto refuse = [&](const auto&... why) -> Result<void> {
-    return fail(ErrorCode::usage, one.path(), ": ", why...);
+    return misuse(one.path(), why...);
   };
   for (const float share :
        {structure.opacity, structure.tint[0], structure.tint[1], structure.tint[2]})

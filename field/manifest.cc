@@ -90,9 +90,9 @@ Result<void> check_version(Reader& in, const std::string& file) {
   if (required && !required->is_array())
     in.problem("/required", "is not an array");
   else if (required && !std::all_of(required->begin(), required->end(), known_feature))
-    return fail(ErrorCode::unsupported, file, ": needs features this program does not have: ",
-                required->dump(-1, ' ', false, nlohmann::json::error_handler_t::replace),
-                "; update slf");
+    return unsupported(file, "needs features this program does not have: ",
+                       required->dump(-1, ' ', false, nlohmann::json::error_handler_t::replace),
+                       "; update slf");
   return {};
 }
 
@@ -220,8 +220,7 @@ std::uint64_t Manifest::tiles(unsigned level) const {
 
 Result<Manifest> Manifest::parse(std::string_view text, const std::string& file) {
   if (text.size() > kMaxBytes)
-    return fail(ErrorCode::bad_file, file, ": the manifest has ", text.size(), " bytes, more than ",
-                kMaxBytes);
+    return bad_file(file, "the manifest has ", text.size(), " bytes, more than ", kMaxBytes);
   // Copying and printing JSON is recursive: limit its depth to protect the stack.
   bool too_deep = false;
   const auto limit_depth = [&](int depth, nlohmann::json::parse_event_t, nlohmann::json&) {
@@ -230,9 +229,8 @@ Result<Manifest> Manifest::parse(std::string_view text, const std::string& file)
   };
   const OwnedJson owned = nlohmann::json::parse(text, limit_depth, /*allow_exceptions=*/false);
   const nlohmann::json& json = *owned;
-  if (too_deep)
-    return fail(ErrorCode::bad_file, file, ": the manifest is nested deeper than ", kMaxNesting);
-  if (!json.is_object()) return fail(ErrorCode::bad_file, file, ": the manifest is not JSON");
+  if (too_deep) return bad_file(file, "the manifest is nested deeper than ", kMaxNesting);
+  if (!json.is_object()) return bad_file(file, "the manifest is not JSON");
   Reader in(json, file);
   SLF_TRY(check_version(in, file));
 
@@ -256,7 +254,7 @@ Result<Manifest> Manifest::parse(std::string_view text, const std::string& file)
                               ", too many for a predictive codec");
   if (!in.error().empty()) return fail(ErrorCode::bad_file, in.error());
   if (auto ok = manifest.shape.check(); !ok)
-    return fail(ErrorCode::bad_file, file, ": manifest: ", ok.error().message);
+    return bad_file(file, "manifest: ", ok.error().message);
   manifest.provenance = json.contains("provenance") ? json["provenance"] : nlohmann::json::object();
   return manifest;
 }

@@ -5,9 +5,9 @@
 #include "base/half.h"
 #include "base/try.h"
 #include "base/varint.h"
+#include "codec/color_kernel.h"
 #include "codec/log_colors.h"
 #include "codec/prediction.h"
-#include "codec/premultiply.h"
 #include "field/predict/predictor.h"
 
 namespace slf {

@@ -12,6 +12,11 @@ Result<bool> Cursor::seek(ByteSpan key) {
   return descend(tree_.root, key);
 }
 
+Result<bool> Cursor::find(std::string_view key) {
+  const bool found = SLF_TRY(seek(bytes_of(key)));
+  return found && compare_keys(node_.key, bytes_of(key)) == 0;
+}
+
 // The previous entry follows from the path to `key`: go up to the deepest page with an entry to the
 // left, step left, and descend along the last entries.
 Result<bool> Cursor::seek_before(ByteSpan key) {

@@ -37,9 +37,8 @@ MDB_val value_of(ByteSpan bytes) { return {bytes.size(), const_cast<std::byte*>(
 int open_alone(MDB_env* environment, const std::string& path, int descriptor) {
   struct Folder {
     std::string name, container{}, lock{};
-    int memory = -1;
+    Descriptor memory{};
     ~Folder() {
-      if (memory >= 0) ::close(memory);
       unlink(container.c_str());
       unlink(lock.c_str());
       rmdir(name.c_str());
@@ -52,9 +51,9 @@ int open_alone(MDB_env* environment, const std::string& path, int descriptor) {
   }
   folder.container = folder.name + "/container";
   folder.lock = folder.container + "-lock";
-  folder.memory = memfd_create("slf-lock", MFD_CLOEXEC);
-  if (folder.memory < 0 ||
-      symlink(path_of_descriptor(folder.memory).c_str(), folder.lock.c_str()) != 0 ||
+  folder.memory = Descriptor(memfd_create("slf-lock", MFD_CLOEXEC));
+  if (folder.memory.get() < 0 ||
+      symlink(path_of_descriptor(folder.memory.get()).c_str(), folder.lock.c_str()) != 0 ||
       symlink(path_of_descriptor(descriptor).c_str(), folder.container.c_str()) != 0)
     return errno;
   return mdb_env_open(environment, folder.container.c_str(),
@@ -86,47 +85,34 @@ const char* remedy(int code) {
 
 }  // namespace
 
-Environment::Environment(Environment&& other) noexcept { *this = std::move(other); }
-
-Environment& Environment::operator=(Environment&& other) noexcept {
-  std::swap(path_, other.path_);
-  std::swap(map_bytes_, other.map_bytes_);
-  std::swap(environment_, other.environment_);
-  std::swap(map_, other.map_);
-  std::swap(reader_, other.reader_);
-  std::swap(deferred_, other.deferred_);
-  return *this;
-}
-
 Environment::~Environment() {
   if (reader_ != nullptr) mdb_txn_abort(reader_);
   map_ = {};
   if (environment_ != nullptr) mdb_env_close(environment_);
 }
 
-Result<Environment> Environment::open(const std::string& path, int descriptor) {
-  Environment result;
-  result.path_ = path;
+Result<std::unique_ptr<Environment>> Environment::open(const std::string& path, int descriptor) {
+  std::unique_ptr<Environment> result(new Environment(path));
   struct stat status = {};
-  if (fstat(descriptor, &status) != 0) return result.error(errno, "read its size");
-  result.map_bytes_ =
+  if (fstat(descriptor, &status) != 0) return result->error(errno, "read its size");
+  result->map_bytes_ =
       (static_cast<std::uint64_t>(status.st_size) / kMapIncrement + 1) * kMapIncrement;
-  if (const int code = mdb_env_create(&result.environment_); code != 0)
-    return result.error(code, "open");
-  MDB_env* environment = result.environment_;
-  int code = mdb_env_set_mapsize(environment, result.map_bytes_);
+  if (const int code = mdb_env_create(&result->environment_); code != 0)
+    return result->error(code, "open");
+  MDB_env* environment = result->environment_;
+  int code = mdb_env_set_mapsize(environment, result->map_bytes_);
   if (code == 0) code = mdb_env_set_maxdbs(environment, kTrees);
   if (code == 0) code = open_alone(environment, path, descriptor);
-  if (code != 0) return result.error(code, "open to write");
+  if (code != 0) return result->error(code, "open to write");
   MDB_stat pages = {};
   if (mdb_env_stat(environment, &pages) != 0 || pages.ms_psize != kPageSize)
-    return fail(ErrorCode::unsupported, path, ": LMDB makes pages of ", pages.ms_psize,
-                " bytes on this system, expected ", kPageSize);
-  result.guard();
+    return unsupported(path, "LMDB makes pages of ", pages.ms_psize,
+                       " bytes on this system, expected ", kPageSize);
+  result->guard();
   int dead = 0;
   (void)mdb_reader_check(environment, &dead);
-  code = mdb_txn_begin(environment, nullptr, MDB_RDONLY, &result.reader_);
-  if (code != 0) return result.error(code, "read");
+  code = mdb_txn_begin(environment, nullptr, MDB_RDONLY, &result->reader_);
+  if (code != 0) return result->error(code, "read");
   return result;
 }
 
@@ -157,20 +143,25 @@ void Environment::guard() {
   mdb_txn_abort(transaction);
 }
 
-Result<void> Environment::check_length() const {
+Result<Environment::Length> Environment::length() const {
   MDB_envinfo info = {};
   mdb_filehandle_t file = -1;
   struct stat status = {};
   if (mdb_env_info(environment_, &info) != 0 || mdb_env_get_fd(environment_, &file) != 0 ||
       fstat(file, &status) != 0)
     return error(errno, "read its size");
-  const std::uint64_t expected = (info.me_last_pgno + 1) * kPageSize;
-  if (static_cast<std::uint64_t>(status.st_size) >= expected) {
+  return Length{file, static_cast<std::uint64_t>(status.st_size),
+                (info.me_last_pgno + 1) * kPageSize};
+}
+
+Result<void> Environment::check_length() const {
+  const auto [file, bytes, expected] = SLF_TRY(length());
+  if (bytes >= expected) {
     if (!map_.changed()) return {};
     return fail(ErrorCode::io, path_, ": ", kUnreadablePage, "; nothing more is written to it");
   }
-  return fail(ErrorCode::bad_file, path_, ": changed while open: it has become shorter than its ",
-              expected, " bytes; nothing more is written to it");
+  return bad_file(path_, "changed while open: it has become shorter than its ", expected,
+                  " bytes; nothing more is written to it");
 }
 
 Result<void> Environment::put(std::span<const Put> puts) {
@@ -212,17 +203,9 @@ int Environment::try_put(std::span<const Put> puts) {
 // LMDB does not write pages that it allocates and frees in the same transaction. If these are the
 // last pages, the file ends before them and would seem truncated.
 Result<void> Environment::extend() {
-  MDB_envinfo info = {};
-  MDB_stat pages = {};
-  int code = mdb_env_info(environment_, &info);
-  if (code == 0) code = mdb_env_stat(environment_, &pages);
-  mdb_filehandle_t file = -1;
-  if (code == 0) code = mdb_env_get_fd(environment_, &file);
-  if (code != 0) return error(code, "read");
-  struct stat status = {};
-  if (fstat(file, &status) != 0) return error(errno, "read its size");
-  const auto needed = static_cast<off_t>((info.me_last_pgno + 1) * pages.ms_psize);
-  if (status.st_size < needed && ftruncate(file, needed) != 0) return error(errno, "extend");
+  const auto [file, bytes, needed] = SLF_TRY(length());
+  if (bytes < needed && ftruncate(file, static_cast<off_t>(needed)) != 0)
+    return error(errno, "extend");
   return {};
 }
 

@@ -56,8 +56,7 @@ Result<std::vector<IndexSection>> find_sections(const ByteSource& source, std::u
 
 Result<void> open_section(const IndexSection& section, ByteSpan bytes, std::uint64_t file_bytes,
                           const AddPart& add) {
-  if (bytes.size() != section.range.end - section.range.begin ||
-      checksum(bytes) != section.checksum)
+  if (bytes.size() != section.range.size() || checksum(bytes) != section.checksum)
     return fail(ErrorCode::bad_file, "a section of the index does not match its checksum");
   while (!bytes.empty()) {
     if (bytes.size() < kPartHeader) return fail(ErrorCode::bad_file, "the index ends early");

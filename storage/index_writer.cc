@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cerrno>
-#include <cstring>
 #include <map>
 #include <span>
 
@@ -135,7 +134,7 @@ Result<void> write_end(int file, const std::string& path, std::uint64_t begin, B
   if (cause == 0) cause = write_all(file, bytes, begin);
   if (cause == 0 && fsync(file) != 0) cause = errno;
   if (cause == 0) return {};
-  return fail(ErrorCode::io, path, ": cannot write the index: ", std::strerror(cause));
+  return io_error(path, "cannot write the index", cause);
 }
 
 }  // namespace
@@ -153,11 +152,9 @@ Result<void> write_index(const std::string& path, std::span<const IndexExtra> ex
     index = builder.encode(begin, extras);
     SLF_TRY(snapshot->unchanged());
   }
-  const int file = ::open(path.c_str(), O_RDWR | O_CLOEXEC);
-  if (file < 0) return fail(ErrorCode::io, path, ": cannot open: ", std::strerror(errno));
-  auto written = internal::write_end(file, path, begin, index);
-  ::close(file);
-  return written;
+  const Descriptor file(::open(path.c_str(), O_RDWR | O_CLOEXEC));
+  if (file.get() < 0) return io_error(path, "cannot open");
+  return internal::write_end(file.get(), path, begin, index);
 }
 
 }  // namespace slf::storage

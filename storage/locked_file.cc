@@ -24,68 +24,55 @@ struct flock lock_of(short type, std::uint64_t byte, std::uint64_t length) {
 
 }  // namespace
 
-bool is_file(int descriptor, const std::string& path) {
-  struct stat x = {};
-  struct stat y = {};
-  return fstat(descriptor, &x) == 0 && stat(path.c_str(), &y) == 0 && x.st_dev == y.st_dev &&
-         x.st_ino == y.st_ino;
-}
-
 Result<LockedFile> LockedFile::open(const std::string& path, Access access) {
-  LockedFile result;
   // O_NONBLOCK: if the path is a pipe, do not wait for its other end.
   const int mode = access == Access::read ? O_RDONLY : O_RDWR;
-  result.file_ = ::open(path.c_str(), mode | O_CLOEXEC | O_NONBLOCK);
-  if (result.file_ < 0)
-    return fail(errno == ENOENT ? ErrorCode::not_found : ErrorCode::io, path, ": cannot open",
-                access == Access::read ? "" : " to write", ": ", std::strerror(errno));
+  Descriptor file(::open(path.c_str(), mode | O_CLOEXEC | O_NONBLOCK));
+  if (file.get() < 0)
+    return io_error(path, access == Access::read ? "cannot open" : "cannot open to write");
   struct stat status = {};
-  if (fstat(result.file_, &status) != 0)
-    return fail(ErrorCode::io, path, ": ", std::strerror(errno));
+  if (fstat(file.get(), &status) != 0) return fail(ErrorCode::io, path, ": ", std::strerror(errno));
   if (!S_ISREG(status.st_mode)) return fail(ErrorCode::io, path, ": not a regular file");
-  return result;
-}
-
-LockedFile::~LockedFile() {
-  if (file_ >= 0) ::close(file_);
+  return LockedFile(std::move(file));
 }
 
 Result<std::uint64_t> LockedFile::size(const std::string& path) const {
   struct stat status = {};
-  if (fstat(file_, &status) != 0) return fail(ErrorCode::io, path, ": ", std::strerror(errno));
+  if (fstat(descriptor(), &status) != 0)
+    return fail(ErrorCode::io, path, ": ", std::strerror(errno));
   return static_cast<std::uint64_t>(status.st_size);
 }
 
 void LockedFile::pin(std::uint64_t transaction) const {
   if (transaction >= kFirstPin) return;
   struct flock lock = lock_of(F_RDLCK, kFirstPin + transaction, 1);
-  (void)fcntl(file_, F_OFD_SETLK, &lock);
+  (void)fcntl(descriptor(), F_OFD_SETLK, &lock);
 }
 
 void LockedFile::unpin(std::uint64_t transaction) const {
   if (transaction >= kFirstPin) return;
   struct flock lock = lock_of(F_UNLCK, kFirstPin + transaction, 1);
-  (void)fcntl(file_, F_OFD_SETLK, &lock);
+  (void)fcntl(descriptor(), F_OFD_SETLK, &lock);
 }
 
 Result<void> LockedFile::lock_writer(const std::string& path) const {
   struct flock lock = lock_of(F_WRLCK, kWriterByte, 1);
-  if (fcntl(file_, F_OFD_SETLK, &lock) == 0) return {};
+  if (fcntl(descriptor(), F_OFD_SETLK, &lock) == 0) return {};
   if (errno == EAGAIN || errno == EACCES)
     return fail(ErrorCode::busy, path, ": another writer has it open");
-  return fail(ErrorCode::io, path, ": cannot be locked for writing: ", std::strerror(errno));
+  return io_error(path, "cannot be locked for writing");
 }
 
 bool LockedFile::has_writer() const {
   struct flock lock = lock_of(F_WRLCK, kWriterByte, 1);
-  return fcntl(file_, F_OFD_GETLK, &lock) == 0 && lock.l_type != F_UNLCK;
+  return fcntl(descriptor(), F_OFD_GETLK, &lock) == 0 && lock.l_type != F_UNLCK;
 }
 
 bool LockedFile::pinned_before(std::uint64_t transaction) const {
   if (transaction == 0) return false;
   struct flock lock = lock_of(F_WRLCK, kFirstPin, transaction);
   // If the query fails, assume a pin: that wastes space, but never harms a reader.
-  return fcntl(file_, F_OFD_GETLK, &lock) != 0 || lock.l_type != F_UNLCK;
+  return fcntl(descriptor(), F_OFD_GETLK, &lock) != 0 || lock.l_type != F_UNLCK;
 }
 
 }  // namespace slf::storage::internal

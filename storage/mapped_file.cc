@@ -84,16 +84,15 @@ MapSlot* take_slot() {
 
 GuardedRange::GuardedRange(ByteSpan mapped) {
   install_handler();
-  slot_ = take_slot();
+  slot_.reset(take_slot());
   slot_->changed = false;
   slot_->begin = reinterpret_cast<std::uintptr_t>(mapped.data());
   slot_->end = reinterpret_cast<std::uintptr_t>(mapped.data()) + mapped.size();
 }
 
-GuardedRange::~GuardedRange() {
-  if (slot_ == nullptr) return;
-  slot_->end = 0;
-  slot_->used = false;
+void GuardedRange::Release::operator()(MapSlot* slot) const {
+  slot->end = 0;
+  slot->used = false;
 }
 
 Result<MappedFile> MappedFile::map(int file, std::size_t bytes, const std::string& path) {
@@ -103,22 +102,19 @@ Result<MappedFile> MappedFile::map(int file, std::size_t bytes, const std::strin
   (void)madvise(base, bytes, MADV_RANDOM);
   MappedFile result;
   result.file_ = file;
-  result.bytes_ = {static_cast<const std::byte*>(base), bytes};
-  result.guard_ = GuardedRange(result.bytes_);
+  result.map_ = {static_cast<std::byte*>(base), Unmap{bytes}};
+  result.guard_ = GuardedRange(result.bytes());
   return result;
 }
 
 Result<void> MappedFile::unchanged(const std::string& path) const {
   if (!guard_.changed()) return {};
   struct stat status = {};
-  if (fstat(file_, &status) != 0 || static_cast<std::size_t>(status.st_size) >= bytes_.size())
+  if (fstat(file_, &status) != 0 || static_cast<std::size_t>(status.st_size) >= bytes().size())
     return fail(ErrorCode::io, path, ": ", kUnreadablePage);
-  return fail(ErrorCode::bad_file, path, ": changed while open: it has become shorter");
+  return bad_file(path, "changed while open: it has become shorter");
 }
 
-MappedFile::~MappedFile() {
-  guard_ = {};
-  if (!bytes_.empty()) munmap(const_cast<std::byte*>(bytes_.data()), bytes_.size());
-}
+void MappedFile::Unmap::operator()(std::byte* map) const { munmap(map, bytes); }
 
 }  // namespace slf::storage::internal

@@ -19,29 +19,26 @@ constexpr std::uint16_t kHarmlessFlags = 0x4000;  // MDB_NOSUBDIR: only says how
 Result<Meta> parse_meta(ByteSpan bytes, const std::string& path, std::uint64_t number) {
   const std::byte* page = bytes.data();
   if (bytes.size() < kMetaEnd || load_le<std::uint32_t>(page + 16) != kLmdbMagic) {
-    if (number == 0)
-      return fail(ErrorCode::bad_file, path, ": not a field: it is not an LMDB file");
-    return fail(ErrorCode::bad_file, path, ": meta page 1 is damaged or missing");
+    if (number == 0) return bad_file(path, "not a field: it is not an LMDB file");
+    return bad_file(path, "meta page 1 is damaged or missing");
   }
   if (const auto version = load_le<std::uint32_t>(page + 20); version != kLmdbVersion)
-    return fail(ErrorCode::unsupported, path, ": LMDB data version ", version, ", expected ",
-                kLmdbVersion);
+    return unsupported(path, "LMDB data version ", version, ", expected ", kLmdbVersion);
   if (load_le<std::uint64_t>(page) != number || load_le<std::uint16_t>(page + 10) != kMeta)
-    return fail(ErrorCode::bad_file, path, ": meta page ", number, " is damaged");
+    return bad_file(path, "meta page ", number, " is damaged");
 
   Meta meta;
-  meta.page_size = load_le<std::uint32_t>(page + 40);
   meta.free_list = Tree::parse(page + 40);
   meta.main = Tree::parse(page + 88);
   meta.last_page = load_le<std::uint64_t>(page + 136);
   meta.transaction = load_le<std::uint64_t>(page + 144);
-  if (meta.page_size != kPageSize)
-    return fail(ErrorCode::unsupported, path, ": pages of ", meta.page_size, " bytes, expected ",
-                kPageSize, "; make it anew on a system of 4 KiB pages");
+  if (const auto size = load_le<std::uint32_t>(page + 40); size != kPageSize)
+    return unsupported(path, "pages of ", size, " bytes, expected ", kPageSize,
+                       "; make it anew on a system of 4 KiB pages");
   // Other flags would change the order of keys or, for LMDB, the address of the map.
   if ((meta.free_list.flags & ~kHarmlessFlags) != kIntegerKeys || meta.main.flags != 0)
-    return fail(ErrorCode::bad_file, path, ": meta page ", number, " has flags ",
-                meta.free_list.flags, " and ", meta.main.flags);
+    return bad_file(path, "meta page ", number, " has flags ", meta.free_list.flags, " and ",
+                    meta.main.flags);
   return meta;
 }
 
@@ -76,10 +73,15 @@ Result<Meta> parse_metas(ByteSpan start, const std::string& path) {
   const std::uint64_t a = first->transaction;
   const std::uint64_t b = second->transaction;
   const bool neighbours = a % 2 == 0 && (b == a + 1 || a == b + 1);
-  if (first->page_size != second->page_size || !(neighbours || (a == 0 && b == 0)))
-    return fail(ErrorCode::bad_file, path, ": the meta pages contradict each other: transactions ",
-                a, " and ", b, ", page sizes ", first->page_size, " and ", second->page_size);
+  if (!(neighbours || (a == 0 && b == 0)))
+    return bad_file(path, "the meta pages contradict each other: transactions ", a, " and ", b);
   return b > a ? second : first;
+}
+
+Result<void> check_length(const Meta& meta, std::uint64_t size, const std::string& path) {
+  if (meta.last_page >= 1 && meta.last_page < size / kPageSize) return {};
+  return bad_file(path, "truncated: ", size, " bytes, expected ", meta.last_page + 1, " pages of ",
+                  kPageSize);
 }
 
 bool TreePage::node(std::uint32_t i, Node& node) const {
@@ -146,8 +148,7 @@ bool TreePage::child_for(ByteSpan key, std::uint32_t& index) const {
 Result<TreePage> Pages::tree_page(std::uint64_t number, bool leaf) const {
   if (number < 2 || number > meta_.last_page)
     return damaged(number, "outside the file's ", count(), " pages");
-  const std::size_t size = meta_.page_size;
-  const auto loaded = SLF_TRY(bytes(number * size, size));
+  const auto loaded = SLF_TRY(bytes(number * kPageSize, kPageSize));
   const std::byte* page = loaded.data();
   const auto own_number = load_le<std::uint64_t>(page);
   const auto flags = load_le<std::uint16_t>(page + 10);
@@ -156,9 +157,9 @@ Result<TreePage> Pages::tree_page(std::uint64_t number, bool leaf) const {
   if (own_number != number) return damaged(number, "calls itself page ", own_number);
   if (flags != (leaf ? kLeaf : kBranch))
     return damaged(number, "expected a ", leaf ? "leaf" : "branch", ", found flags ", flags);
-  if (lower <= kPageHeader || lower % 2 != 0 || lower > upper || upper > size)
-    return damaged(number, "free space ", lower, " to ", upper, " of ", size, " bytes");
-  return TreePage({page, size}, number, leaf,
+  if (lower <= kPageHeader || lower % 2 != 0 || lower > upper || upper > kPageSize)
+    return damaged(number, "free space ", lower, " to ", upper, " of ", kPageSize, " bytes");
+  return TreePage({page, kPageSize}, number, leaf,
                   static_cast<std::uint32_t>((lower - kPageHeader) / 2));
 }
 
@@ -167,8 +168,7 @@ Result<ByteSpan> Pages::value(const Node& node, std::uint64_t max_bytes) const {
   const std::uint64_t needed = overflow_pages(node.data_size);
   if (node.child < 2 || node.child > meta_.last_page || needed > count() - node.child)
     return damaged(node.child, "a value of ", node.data_size, " bytes leaves the file");
-  auto loaded =
-      bytes(node.child * meta_.page_size, kPageHeader + std::min(node.data_size, max_bytes));
+  auto loaded = bytes(node.child * kPageSize, kPageHeader + std::min(node.data_size, max_bytes));
   if (!loaded) return loaded;
   const std::byte* page = loaded->data();
   const auto own_number = load_le<std::uint64_t>(page);

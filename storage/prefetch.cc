@@ -4,7 +4,9 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <utility>
 
+#include "storage/internal/range_set.h"
 #include "storage/internal/trees.h"
 
 namespace slf::storage::internal {
@@ -18,10 +20,9 @@ struct PageVisit {
 };
 
 ByteSpan bytes_of_pages(const Pages& pages, std::uint64_t first, std::uint64_t bytes) {
-  const std::uint64_t size = pages.meta().page_size;
-  const std::uint64_t count = (bytes + size - 1) / size;
+  const std::uint64_t count = (bytes + kPageSize - 1) / kPageSize;
   if (first < 2 || first >= pages.count() || count > pages.count() - first) return {};
-  return pages.file().subspan(first * size, count * size);
+  return pages.file().subspan(first * kPageSize, count * kPageSize);
 }
 
 /// Adds those children of a branch to which the visit's keys lead.
@@ -65,25 +66,18 @@ void Advice::add(ByteSpan bytes) {
 void Advice::expect() {
   const auto file = reinterpret_cast<std::uintptr_t>(pages_.file().data());
   std::vector<FileRange> ranges;
-  for (const Range& range : ranges_) ranges.push_back({range.begin - file, range.end - file});
+  for (const FileRange& range : ranges_) ranges.push_back({range.begin - file, range.end - file});
   pages_.source()->expect(ranges);
 }
 
 void Advice::apply(int advice) {
   if (pages_.source() != nullptr && advice == MADV_WILLNEED) expect();
   static const auto page = static_cast<std::uintptr_t>(sysconf(_SC_PAGESIZE));
-  for (Range& range : ranges_)
+  for (FileRange& range : ranges_)
     range = {range.begin / page * page, (range.end + page - 1) / page * page};
-  std::sort(ranges_.begin(), ranges_.end(),
-            [](const Range& a, const Range& b) { return a.begin < b.begin; });
-  for (std::size_t i = 0; i < ranges_.size();) {
-    Range merged = ranges_[i++];
-    for (; i < ranges_.size() && ranges_[i].begin <= merged.end; ++i)
-      merged.end = std::max(merged.end, ranges_[i].end);
+  for (const FileRange& range : merged(std::exchange(ranges_, {}), 0))
     // NOLINTNEXTLINE(performance-no-int-to-ptr)
-    (void)madvise(reinterpret_cast<void*>(merged.begin), merged.end - merged.begin, advice);
-  }
-  ranges_.clear();
+    (void)madvise(reinterpret_cast<void*>(range.begin), range.size(), advice);
 }
 
 ByteSpan record_head(const Pages& pages, const TreePage& leaf, std::uint32_t index) {
@@ -103,8 +97,7 @@ void prefetch_records(const Pages& pages, const Tree& tree, std::span<const Reco
     std::vector<PageVisit> below;
     for (const PageVisit& visit : visits) add_children(pages, keys, visit, below);
     visits = std::move(below);
-    for (const PageVisit& visit : visits)
-      advice.add(bytes_of_pages(pages, visit.page, pages.meta().page_size));
+    for (const PageVisit& visit : visits) advice.add(bytes_of_pages(pages, visit.page, kPageSize));
     advice.apply(MADV_WILLNEED);
   }
   for (const PageVisit& visit : visits) add_heads(pages, keys, visit, advice);

@@ -1,6 +1,7 @@
 #include "storage/internal/range_set.h"
 
 #include <algorithm>
+#include <functional>
 
 namespace slf::storage::internal {
 namespace {

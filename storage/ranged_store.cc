@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "base/try.h"
+#include "storage/internal/range_set.h"
 #include "storage/internal/record.h"
 
 namespace slf::storage {
@@ -38,25 +39,14 @@ void RangedStore::add(std::uint64_t offset, Bytes bytes) {
 }
 
 std::vector<FileRange> RangedStore::take_needed_ranges() {
-  std::vector<FileRange> ranges = std::exchange(source_.needed, {});
-  std::sort(ranges.begin(), ranges.end(),
-            [](const FileRange& a, const FileRange& b) { return a.begin < b.begin; });
-  std::vector<FileRange> merged;
-  for (const FileRange& range : ranges)
-    if (!merged.empty() && range.begin < merged.back().end)
-      merged.back().end = std::max(merged.back().end, range.end);
-    else
-      merged.push_back(range);
-  return merged;
+  return internal::merged(std::exchange(source_.needed, {}), 0);
 }
 
 Result<void> RangedStore::open() {
   const std::uint64_t start = std::min(source_.file_bytes, kFileStart);
   const auto metas = SLF_TRY(source_.bytes(0, start));
   const auto meta = SLF_TRY(internal::parse_metas(metas, trees_.path()));
-  if (meta.last_page < 1 || meta.last_page >= source_.file_bytes / kPageSize)
-    return fail(ErrorCode::bad_file, trees_.path(), ": truncated: ", source_.file_bytes,
-                " bytes, expected ", meta.last_page + 1, " pages of ", kPageSize);
+  SLF_TRY(internal::check_length(meta, source_.file_bytes, trees_.path()));
   sections_ = SLF_TRY(internal::find_sections(source_, source_.file_bytes, meta.transaction));
   SLF_TRY(load_section(internal::kCoreSection));
   return trees_.load(internal::Pages(source_, meta, &trees_.path()));
@@ -71,7 +61,7 @@ const internal::IndexSection* RangedStore::find_section(std::uint32_t id) const 
 Result<void> RangedStore::load_section(std::uint32_t id) {
   const internal::IndexSection* const section = find_section(id);
   if (section == nullptr) return {};
-  const std::uint64_t size = section->range.end - section->range.begin;
+  const std::uint64_t size = section->range.size();
   if (size <= internal::kMaxSectionBytes) {
     const auto bytes = SLF_TRY(source_.bytes(section->range.begin, size));
     const Bytes block(bytes.begin(), bytes.end());  // add() may replace what `bytes` views
@@ -85,7 +75,7 @@ Result<void> RangedStore::load_section(std::uint32_t id) {
 
 Result<Bytes> RangedStore::section(std::uint32_t id) const {
   const internal::IndexSection* const section = find_section(id);
-  const std::uint64_t size = section ? section->range.end - section->range.begin : 0;
+  const std::uint64_t size = section ? section->range.size() : 0;
   if (size == 0 || size > internal::kMaxSectionBytes) return Bytes();
   const auto bytes = SLF_TRY(source_.bytes(section->range.begin, size));
   if (internal::checksum(bytes) != section->checksum) return Bytes();

@@ -17,10 +17,6 @@ constexpr std::uint64_t kMissing = 1;
 constexpr std::uint64_t kSame = 2;   ///< if the record has such tiles: how many states back follows
 constexpr std::size_t kMaxCode = 5;  ///< bytes of the longest code, that of kMaxPayload + 1
 
-tl::unexpected<Error> damaged_record(const char* what) {
-  return tl::unexpected(Error{ErrorCode::bad_file, what});
-}
-
 std::uint64_t code_of(const Tile& tile, bool has_same) {
   switch (tile.state) {
     case TileState::empty:
@@ -83,10 +79,12 @@ std::uint64_t Record::table_end(ByteSpan start) {
 }
 
 Result<Record> Record::parse(ByteSpan value, std::uint64_t size) {
-  if (value.size() < kRecordHeader) return damaged_record("the record is shorter than its header");
+  if (value.size() < kRecordHeader)
+    return fail(ErrorCode::bad_file, "the record is shorter than its header");
   const std::byte* head = value.data();
   const auto magic = load_le<std::uint32_t>(head + 8);
-  if (magic != kRecordMagic && magic != kWithSameMagic) return damaged_record("no tile record");
+  if (magic != kRecordMagic && magic != kWithSameMagic)
+    return fail(ErrorCode::bad_file, "no tile record");
   Record record;
   record.has_same_ = magic == kWithSameMagic;
   record.value_ = value;
@@ -103,11 +101,11 @@ Result<Record> Record::parse(ByteSpan value, std::uint64_t size) {
       codes < record.count_ || codes > kMaxCode * record.count_ ||
       record.payloads_ > value.size() || record.first_.level == kNoLevel ||
       record.first_.index + (record.count_ - 1) < record.first_.index)
-    return damaged_record("the record's header is damaged");
+    return fail(ErrorCode::bad_file, "the record's header is damaged");
   if (checksum(value.subspan(8, record.payloads_ - 8)) != load_le<std::uint64_t>(head))
-    return damaged_record("the record's table does not match its checksum");
+    return fail(ErrorCode::bad_file, "the record's table does not match its checksum");
   if (record.previous_ && *record.previous_ >= record.first_)
-    return damaged_record("the record claims to come after its own tiles");
+    return fail(ErrorCode::bad_file, "the record claims to come after its own tiles");
 
   // A checksum can be forged: check that codes are complete and payloads are inside the value.
   ByteSpan table = value.subspan(kRecordHeader, codes);
@@ -116,16 +114,16 @@ Result<Record> Record::parse(ByteSpan value, std::uint64_t size) {
   for (std::uint32_t i = 0; i < record.count_; ++i) {
     const auto tile = take_code(table, record.has_same_);
     if (!tile || tile->back > state_of(record.first_))
-      return damaged_record("the record's table is damaged");
+      return fail(ErrorCode::bad_file, "the record's table is damaged");
     if (tile->state != TileState::stored) continue;
     ++stored;
     payload = align8(payload);
     if (payload > size || tile->size > size - payload)
-      return damaged_record("a payload leaves the record");
+      return fail(ErrorCode::bad_file, "a payload leaves the record");
     payload += tile->size;
   }
   if (!table.empty() || stored != record.stored_)
-    return damaged_record("the record's table is damaged");
+    return fail(ErrorCode::bad_file, "the record's table is damaged");
   return record;
 }
 

@@ -5,18 +5,17 @@
 #include <iterator>
 #include <utility>
 
+#include "storage/internal/pages.h"
+
 namespace slf::storage::internal {
 namespace {
 
-// A resumed build must end its records at the same tiles, on any machine. So these sizes do not
-// depend on the machine's page size.
-constexpr std::size_t kPage = 4096;
-constexpr std::size_t kOverflowHeader = 16;
-constexpr std::size_t kSmallRecord = 16 * kPage - kOverflowHeader;
-constexpr std::size_t kLargeRecord = 64 * kPage - kOverflowHeader;
+// A resumed build must end its records at the same tiles, on any machine.
+constexpr std::size_t kSmallRecord = 16 * kPageSize - kPageHeader;
+constexpr std::size_t kLargeRecord = 64 * kPageSize - kPageHeader;
 
 constexpr std::size_t unused(std::size_t bytes) {
-  return (kPage - (bytes + kOverflowHeader) % kPage) % kPage;
+  return (kPageSize - (bytes + kPageHeader) % kPageSize) % kPageSize;
 }
 
 }  // namespace

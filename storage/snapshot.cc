@@ -6,11 +6,11 @@
 #include <algorithm>
 #include <atomic>
 #include <cerrno>
-#include <cstring>
 #include <thread>
 #include <utility>
 #include <vector>
 
+#include "base/file.h"
 #include "base/try.h"
 #include "storage/internal/file_index.h"
 
@@ -19,12 +19,6 @@ namespace {
 
 constexpr int kAttempts = 100;
 constexpr std::uint64_t kTailBytes = 64 << 10;  // at the end of a remote file, fetched first
-
-Result<void> check_length(const Meta& meta, std::uint64_t size, const std::string& path) {
-  if (meta.last_page >= 1 && meta.last_page < size / meta.page_size) return {};
-  return fail(ErrorCode::bad_file, path, ": truncated: ", size, " bytes, expected ",
-              meta.last_page + 1, " pages of ", meta.page_size);
-}
 
 }  // namespace
 
@@ -48,8 +42,7 @@ Result<std::unique_ptr<Snapshot>> Snapshot::open(std::shared_ptr<RangeSource> so
   std::unique_ptr<Snapshot> snapshot(new Snapshot(source->name()));
   const std::uint64_t size = source->size();
   if (size < 2 * kPageSize)
-    return fail(ErrorCode::bad_file, snapshot->path(), ": not a field, or truncated: ", size,
-                " bytes");
+    return bad_file(snapshot->path(), "not a field, or truncated: ", size, " bytes");
   snapshot->copy_ = SLF_TRY(SparseCopy::make(std::move(source)));
   const FileRange ends[] = {{0, 2 * kPageSize}, {size - std::min(size, kTailBytes), size}};
   SLF_TRY(snapshot->copy_->fetch(ends));
@@ -68,18 +61,16 @@ Result<void> Snapshot::read_index(const Meta& meta) {
   const auto sections = SLF_TRY(find_sections(*copy_, size, meta.transaction));
   std::vector<FileRange> ranges;
   for (const IndexSection& section : sections)
-    if (section.range.end - section.range.begin <= kMaxSectionBytes)
-      ranges.push_back(section.range);
+    if (section.range.size() <= kMaxSectionBytes) ranges.push_back(section.range);
   SLF_TRY(copy_->fetch(ranges));
   Result<void> stored;
   for (const IndexSection& section : sections) {
-    const std::uint64_t length = section.range.end - section.range.begin;
-    if (length > kMaxSectionBytes) continue;
+    if (section.range.size() > kMaxSectionBytes) continue;
     if (section.id >= kFirstExtraSection && section.id != kCoreSection) {
       extras_.push_back(section);
       continue;
     }
-    const ByteSpan part = bytes().subspan(section.range.begin, length);
+    const ByteSpan part = bytes().subspan(section.range.begin, section.range.size());
     (void)open_section(section, part, size, [&](std::uint64_t offset, ByteSpan piece) {
       if (stored) stored = copy_->put(offset, piece);
     });
@@ -94,8 +85,7 @@ void Snapshot::release() const {
 Bytes Snapshot::section(std::uint32_t id) const {
   for (const IndexSection& section : extras_) {
     if (section.id != id) continue;
-    const ByteSpan part =
-        bytes().subspan(section.range.begin, section.range.end - section.range.begin);
+    const ByteSpan part = bytes().subspan(section.range.begin, section.range.size());
     if (checksum(part) == section.checksum) return {part.begin(), part.end()};
   }
   return {};
@@ -141,9 +131,8 @@ Result<void> Snapshot::read(ByteSpan part, std::span<std::byte> to) const {
   while (!to.empty()) {
     const ssize_t got = pread(file_.descriptor(), to.data(), to.size(), offset);
     if (got < 0 && errno == EINTR) continue;
-    if (got < 0) return fail(ErrorCode::io, path(), ": cannot read: ", std::strerror(errno));
-    if (got == 0)
-      return fail(ErrorCode::bad_file, path(), ": changed while open: it has become shorter");
+    if (got < 0) return io_error(path(), "cannot read");
+    if (got == 0) return bad_file(path(), "changed while open: it has become shorter");
     to = to.subspan(static_cast<std::size_t>(got));
     offset += got;
   }

@@ -7,7 +7,6 @@
 #include <cstring>
 #include <string>
 
-#include "base/file.h"
 #include "base/guarded.h"
 #include "base/try.h"
 #include "storage/internal/file_index.h"
@@ -28,19 +27,16 @@ Result<std::unique_ptr<SparseCopy>> SparseCopy::make(std::shared_ptr<RangeSource
   std::unique_ptr<SparseCopy> copy(new SparseCopy(std::move(source)));
   const std::string& name = copy->source_->name();
   copy->file_ = open_unnamed_file();
-  if (copy->file_ < 0 || ftruncate(copy->file_, static_cast<off_t>(copy->source_->size())) != 0)
+  if (copy->file_.get() < 0 ||
+      ftruncate(copy->file_.get(), static_cast<off_t>(copy->source_->size())) != 0)
     return fail(ErrorCode::io, name, ": cannot make a temporary file of ", copy->source_->size(),
                 " bytes: ", std::strerror(errno), "; set TMPDIR to another folder");
-  copy->map_ = SLF_TRY(MappedFile::map(copy->file_, copy->source_->size(), name));
+  copy->map_ = SLF_TRY(MappedFile::map(copy->file_.get(), copy->source_->size(), name));
   return copy;
 }
 
-SparseCopy::~SparseCopy() {
-  if (file_ >= 0) ::close(file_);
-}
-
 Result<void> SparseCopy::write(std::uint64_t offset, ByteSpan bytes) const {
-  const int cause = write_all(file_, bytes, offset);
+  const int cause = write_all(file_.get(), bytes, offset);
   if (cause == 0) return {};
   return fail(ErrorCode::io, source_->name(),
               ": cannot store fetched bytes: ", std::strerror(cause),
@@ -111,8 +107,7 @@ Result<void> SparseCopy::load(std::span<const FileRange> ranges) const {
     const FileRange ends[] = {{0, 2 * kPageSize}, {size - kIndexFooter, size}};
     SLF_TRY(source_->fetch(ends, [&](std::uint64_t offset, ByteSpan bytes) -> Result<void> {
       if (std::ranges::equal(bytes, file().subspan(offset, bytes.size()))) return {};
-      return fail(ErrorCode::bad_file, source_->name(),
-                  ": the file has changed on the server since it was opened");
+      return bad_file(source_->name(), "the file has changed on the server since it was opened");
     }));
   }
   const std::lock_guard lock(mutex_);

@@ -40,29 +40,26 @@ class Checker {
     ByteSpan high;
   };
 
+  // Always false.
   template <class... Parts>
-  void report(std::uint64_t page, const Parts&... parts) {
-    if (!gave_up()) report(pages_.damaged(page, parts...).value());
+  bool report(std::uint64_t page, const Parts&... parts) {
+    return !gave_up() && report(pages_.damaged(page, parts...).value());
   }
-  void report(Error error) {
-    if (gave_up()) return;
+  bool report(Error error) {
+    if (gave_up()) return false;
     findings_.push_back(std::move(error));
     if (findings_.size() == limit_)
       findings_.push_back({ErrorCode::bad_file, "too many findings; the rest are not listed"});
+    return false;
   }
   [[nodiscard]] bool gave_up() const { return findings_.size() > limit_; }
 
   // Marks pages as used. False: they do not exist or are used already.
   bool claim(std::uint64_t first, std::uint64_t count, const std::string& user) {
-    if (first < 2 || first >= used_.size() || count > used_.size() - first) {
-      report(first, user, " uses pages outside the file");
-      return false;
-    }
+    if (first < 2 || first >= used_.size() || count > used_.size() - first)
+      return report(first, user, " uses pages outside the file");
     for (std::uint64_t page = first; page < first + count; ++page) {
-      if (used_[page]) {
-        report(page, "used twice, the second time by ", user);
-        return false;
-      }
+      if (used_[page]) return report(page, "used twice, the second time by ", user);
       used_[page] = true;
     }
     return true;
@@ -111,36 +108,25 @@ class Checker {
     ByteSpan before;
     for (std::uint32_t i = 0; i < page.count(); ++i) {
       Node node;
-      if (!page.node(i, node)) {
-        report(page.number(), "entry ", i, " leaves the page");
-        return false;
-      }
+      if (!page.node(i, node)) return report(page.number(), "entry ", i, " leaves the page");
       const bool keyed = page.leaf() || i > 0;  // the first child's key has no meaning
       const bool big = (node.flags & kBigData) != 0;
       const std::uint64_t data = !page.leaf() ? 0 : big ? 8 : node.data_size;
-      if (node.key.size() > kMaxKey || kNodeHeader + node.key.size() + data > node_limit) {
-        report(page.number(), "entry ", i, " is larger than LMDB makes them");
-        return false;
-      }
+      if (node.key.size() > kMaxKey || kNodeHeader + node.key.size() + data > node_limit)
+        return report(page.number(), "entry ", i, " is larger than LMDB makes them");
       filled += (kNodeHeader + node.key.size() + data + 1) / 2 * 2;
       const auto at = static_cast<std::uint64_t>(node.key.data() - page.bytes().data());
-      if (at < upper + kNodeHeader) {
-        report(page.number(), "entry ", i, " lies in free space");
-        return false;
-      }
+      if (at < upper + kNodeHeader)
+        return report(page.number(), "entry ", i, " lies in free space");
       if (!keyed) continue;
       if (node.key.empty() || (!before.empty() && !less(before, node.key, content)) ||
           (!visit.low.empty() && less(node.key, visit.low, content)) ||
-          (!visit.high.empty() && !less(node.key, visit.high, content))) {
-        report(page.number(), "entry ", i, " is out of order");
-        return false;
-      }
+          (!visit.high.empty() && !less(node.key, visit.high, content)))
+        return report(page.number(), "entry ", i, " is out of order");
       before = node.key;
     }
-    if (filled != size - upper) {
-      report(page.number(), "entries of ", filled, " bytes in ", size - upper, " bytes");
-      return false;
-    }
+    if (filled != size - upper)
+      return report(page.number(), "entries of ", filled, " bytes in ", size - upper, " bytes");
     return true;
   }
 
@@ -187,10 +173,7 @@ class Checker {
     std::uint64_t run = pages_.overflow_pages(node.data_size);
     if (scope_ == CheckScope::everything || content != Content::records) {
       auto value = pages_.value(node);
-      if (!value) {
-        report(std::move(value.error()));
-        return false;
-      }
+      if (!value) return report(std::move(value.error()));
       run = load_le<std::uint32_t>(value->data() - kPageHeader + 12);
     }
     counted.overflow_pages += run;
@@ -214,7 +197,7 @@ class Checker {
   // count and that many page numbers in descending order.
   void check_free_list_entry(const TreePage& page, std::uint32_t i, const Node& node) {
     auto value = pages_.value(node);
-    if (!value) return report(std::move(value.error()));
+    if (!value) return (void)report(std::move(value.error()));
     const std::uint64_t count = value->size() < 8 ? 0 : load_le<std::uint64_t>(value->data());
     const std::uint64_t freed_by =
         node.key.size() == 8 ? load_le<std::uint64_t>(node.key.data()) : 0;

@@ -20,17 +20,6 @@ using internal::Cursor;
 using internal::Record;
 using internal::Snapshot;
 
-struct TileStore::State {
-  std::unique_ptr<Snapshot> snapshot;
-
-  static Result<TileStore> make(Result<std::unique_ptr<Snapshot>> snapshot) {
-    if (!snapshot) return tl::unexpected(std::move(snapshot.error()));
-    auto state = std::make_shared<State>();
-    state->snapshot = std::move(*snapshot);
-    return TileStore(std::move(state));
-  }
-};
-
 namespace {
 
 // The smallest key above `key`.
@@ -84,6 +73,7 @@ class RecordWalk {
       cause_.reset();
       if (record->first() >= to_) return;
       if (record->last() < next_) continue;
+      if (++records_ % Snapshot::kReleaseEvery == 0) snapshot_.release();
       if (!visit(*record)) return;
       next_ = after(record->last());
       if (next_ >= to_) return;
@@ -108,6 +98,7 @@ class RecordWalk {
   TileKey next_;  ///< the first key not accounted for
   TileKey to_;
   std::uint64_t leaf_ = internal::kNoPage;  ///< the leaf whose records were prefetched
+  std::uint64_t records_ = 0;               ///< visited
   std::optional<Error> cause_;
 };
 
@@ -125,22 +116,19 @@ std::string name(TileKey key) {
          (state > 0 ? " of state " + std::to_string(state) : "");
 }
 
-TileStore::TileStore(std::shared_ptr<State> state) : state_(std::move(state)) {}
-TileStore::TileStore(TileStore&&) noexcept = default;
-TileStore& TileStore::operator=(TileStore&&) noexcept = default;
-TileStore::~TileStore() = default;
-
 Result<TileStore> TileStore::open(const std::string& path) {
-  return State::make(Snapshot::open(path));
+  auto snapshot = SLF_TRY(Snapshot::open(path));
+  return TileStore(std::move(snapshot));
 }
 Result<TileStore> TileStore::open(std::shared_ptr<RangeSource> source) {
-  return State::make(Snapshot::open(std::move(source)));
+  auto snapshot = SLF_TRY(Snapshot::open(std::move(source)));
+  return TileStore(std::move(snapshot));
 }
 
 std::vector<TileRange> TileStore::in_file(const TileRange& keys) const {
   if (!one_state_) return {keys};
   std::vector<TileRange> ranges;
-  const auto& last = state_->snapshot->container().last;
+  const auto& last = snapshot_->container().last;
   const int levels = last ? std::min(last->level, keys.end.level) + 1 : 0;
   for (int level = keys.begin.level; level < levels; ++level) {
     const TileKey first{static_cast<std::uint8_t>(level), 0};
@@ -152,28 +140,24 @@ std::vector<TileRange> TileStore::in_file(const TileRange& keys) const {
 }
 
 TileStore TileStore::in_state(unsigned state) const {
-  TileStore shown(state_);
+  TileStore shown(snapshot_);
   shown.first_ = std::uint64_t{state} << kStateBit;
   shown.one_state_ = true;
   return shown;
 }
 
-const std::string& TileStore::path() const { return state_->snapshot->path(); }
-std::uint64_t TileStore::file_bytes() const { return state_->snapshot->bytes().size(); }
-const std::byte* TileStore::map() const { return state_->snapshot->bytes().data(); }
-std::uint64_t TileStore::transaction() const { return state_->snapshot->meta().transaction; }
-Result<void> TileStore::unchanged() const { return state_->snapshot->unchanged(); }
+const std::string& TileStore::path() const { return snapshot_->path(); }
+std::uint64_t TileStore::file_bytes() const { return snapshot_->bytes().size(); }
+const std::byte* TileStore::map() const { return snapshot_->bytes().data(); }
+std::uint64_t TileStore::transaction() const { return snapshot_->meta().transaction; }
+Result<void> TileStore::unchanged() const { return snapshot_->unchanged(); }
 
-Result<bool> TileStore::has_blob(std::string_view name) const {
-  return state_->snapshot->has_blob(name);
-}
+Result<bool> TileStore::has_blob(std::string_view name) const { return snapshot_->has_blob(name); }
 
-Result<ByteSpan> TileStore::blob(std::string_view name) const {
-  return state_->snapshot->blob(name);
-}
+Result<ByteSpan> TileStore::blob(std::string_view name) const { return snapshot_->blob(name); }
 
-bool TileStore::is_remote() const { return state_->snapshot->is_remote(); }
-Bytes TileStore::section(std::uint32_t id) const { return state_->snapshot->section(id); }
+bool TileStore::is_remote() const { return snapshot_->is_remote(); }
+Bytes TileStore::section(std::uint32_t id) const { return snapshot_->section(id); }
 
 namespace {
 
@@ -193,14 +177,14 @@ Result<TileRef> same_as(Result<TileRef> source, TileKey key) {
 }  // namespace
 
 Result<TileRef> TileStore::find_own(TileKey key) const {
-  const auto record = SLF_TRY(state_->snapshot->find(in_file(key)));
+  const auto record = SLF_TRY(snapshot_->find(in_file(key)));
   return tile_of(record, in_file(key), first_);
 }
 
 Result<TileRef> TileStore::find(TileKey key) const {
   auto tile = SLF_TRY(find_own(key));
   if (tile.state == TileState::same) tile = SLF_TRY(same_as(find_own(tile.source), key));
-  SLF_TRY(state_->snapshot->unchanged());
+  SLF_TRY(snapshot_->unchanged());
   return tile;
 }
 
@@ -218,7 +202,7 @@ std::vector<Result<TileRef>> TileStore::find_all(std::span<const TileKey> keys) 
     for (std::size_t i = 0; i < same.size(); ++i)
       tiles[same[i]] = same_as(std::move(found[i]), keys[same[i]]);
   }
-  if (auto unchanged = state_->snapshot->unchanged(); !unchanged)
+  if (auto unchanged = snapshot_->unchanged(); !unchanged)
     for (auto& tile : tiles) tile = tl::unexpected(unchanged.error());
   return tiles;
 }
@@ -229,7 +213,7 @@ std::vector<Result<TileRef>> TileStore::find_own(std::span<const TileKey> keys) 
   std::iota(order.begin(), order.end(), std::size_t{0});
   std::sort(order.begin(), order.end(),
             [&](std::size_t a, std::size_t b) { return in_file(keys[a]) < in_file(keys[b]); });
-  const Snapshot& snapshot = *state_->snapshot;
+  const Snapshot& snapshot = *snapshot_;
   std::vector<internal::RecordKey> sorted;
   sorted.reserve(keys.size());
   for (const std::size_t k : order) sorted.push_back(internal::encode_key(in_file(keys[k])));
@@ -262,9 +246,7 @@ std::vector<Result<TileRef>> TileStore::find_own(std::span<const TileKey> keys) 
   return tiles;
 }
 
-Result<void> TileStore::fetch(const TileRef& tile) const {
-  return state_->snapshot->fetch(tile.payload);
-}
+Result<void> TileStore::fetch(const TileRef& tile) const { return snapshot_->fetch(tile.payload); }
 
 Result<void> TileStore::check(const TileRef& tile) const {
   SLF_TRY(fetch(tile));
@@ -274,27 +256,27 @@ Result<void> TileStore::check(const TileRef& tile) const {
 Result<void> TileStore::verify(const TileRef& tile) const {
   if (tile.state != TileState::stored) return {};
   const bool good = payload_checksum(in_file(tile.source), tile.payload) == tile.checksum;
-  SLF_TRY(state_->snapshot->unchanged());
+  SLF_TRY(snapshot_->unchanged());
   if (good) return {};
-  return fail(ErrorCode::bad_file, path(), ": tile ", name(in_file(tile.source)),
-              ": the payload of ", tile.payload.size(), " bytes does not match its checksum");
+  return bad_file(path(), "tile ", name(in_file(tile.source)), ": the payload of ",
+                  tile.payload.size(), " bytes does not match its checksum");
 }
 
 Result<void> TileStore::copy(const TileRef& tile, std::span<std::byte> to) const {
   assert(to.size() == tile.payload.size());
-  SLF_TRY(state_->snapshot->read(tile.payload, to));
+  SLF_TRY(snapshot_->read(tile.payload, to));
   TileRef copied = tile;
   copied.payload = to;
   return verify(copied);
 }
 
 void TileStore::advise(std::span<const TileRef> tiles) const {
-  advise_all(*state_->snapshot, tiles, MADV_WILLNEED);
+  advise_all(*snapshot_, tiles, MADV_WILLNEED);
 }
 void TileStore::release(std::span<const TileRef> tiles) const {
-  advise_all(*state_->snapshot, tiles, MADV_DONTNEED);
+  advise_all(*snapshot_, tiles, MADV_DONTNEED);
 }
-void TileStore::release_all() const { state_->snapshot->release(); }
+void TileStore::release_all() const { snapshot_->release(); }
 
 FileRange TileStore::range(const TileRef& tile) const {
   if (tile.payload.empty()) return {};
@@ -303,13 +285,13 @@ FileRange TileStore::range(const TileRef& tile) const {
 }
 
 Result<std::vector<std::uint64_t>> TileStore::pages(std::span<const TileKey> keys) const {
-  const Snapshot& snapshot = *state_->snapshot;
-  const std::uint64_t size = snapshot.pages().meta().page_size;
+  const Snapshot& snapshot = *snapshot_;
+  constexpr std::uint64_t kSize = internal::kPageSize;
   std::vector<std::uint64_t> pages;
   const auto add = [&](ByteSpan bytes) {
     if (bytes.empty()) return;
     const auto begin = static_cast<std::uint64_t>(bytes.data() - map());
-    for (std::uint64_t page = begin / size; page * size < begin + bytes.size(); ++page)
+    for (std::uint64_t page = begin / kSize; page * kSize < begin + bytes.size(); ++page)
       pages.push_back(page);
   };
   const auto add_tile = [&](TileKey key) -> Result<TileRef> {
@@ -334,9 +316,7 @@ Result<std::vector<std::uint64_t>> TileStore::pages(std::span<const TileKey> key
 Result<void> TileStore::visit(TileKey from, TileKey to, const Visitor& visitor,
                               const DamageVisitor& damaged) const {
   Result<void> result;
-  std::uint64_t records = 0;
   const auto visit_record = [&](const Record& record) {
-    if (++records % Snapshot::kReleaseEvery == 0) release_all();
     for (Record::Walk walk(record); result && walk.next();) {
       Result<TileRef> tile = tile_ref(record, walk.position(), walk.tile(), first_);
       const TileKey key = tile->key;
@@ -348,12 +328,12 @@ Result<void> TileStore::visit(TileKey from, TileKey to, const Visitor& visitor,
         continue;
       }
       if (result = tile.map([](const TileRef&) {}); !result) break;
-      if (result = state_->snapshot->unchanged(); result) result = visitor(*tile);
+      if (result = snapshot_->unchanged(); result) result = visitor(*tile);
     }
     return result.has_value();
   };
   const auto on_damage = [&](const Damage& damage) {
-    if (result = state_->snapshot->unchanged(); !result) return false;
+    if (result = snapshot_->unchanged(); !result) return false;
     if (damaged)
       damaged({damage, shown(damage.first), shown(damage.last)});
     else
@@ -361,22 +341,19 @@ Result<void> TileStore::visit(TileKey from, TileKey to, const Visitor& visitor,
     return result.has_value();
   };
   for (const TileRange& range : in_file({from, to}))
-    if (result) RecordWalk(*state_->snapshot, range.begin, range.end).run(visit_record, on_damage);
-  if (result) result = state_->snapshot->unchanged();
+    if (result) RecordWalk(*snapshot_, range.begin, range.end).run(visit_record, on_damage);
+  if (result) result = snapshot_->unchanged();
   return result;
 }
 
 Result<std::vector<LevelStatistics>> TileStore::statistics() const {
   Result<void> result;
   std::vector<LevelStatistics> levels;
-  std::uint64_t records = 0;
   const auto count = [&](const Record& record) {
-    if (++records % Snapshot::kReleaseEvery == 0) release_all();
     if (levels.empty() || levels.back().level != record.first().level)
       levels.push_back({record.first().level});
     LevelStatistics& level = levels.back();
     ++level.records;
-    level.record_bytes += record.bytes().size();
     for (Record::Walk walk(record); walk.next();) {
       level.stored += walk.tile().state == TileState::stored ? 1 : 0;
       level.empty += walk.tile().state == TileState::empty ? 1 : 0;
@@ -390,15 +367,14 @@ Result<std::vector<LevelStatistics>> TileStore::statistics() const {
     return false;
   };
   for (const TileRange& range : in_file({{}, {internal::kNoLevel, 0}}))
-    if (result) RecordWalk(*state_->snapshot, range.begin, range.end).run(count, stop);
-  if (auto same = state_->snapshot->unchanged(); !same) result = std::move(same);
+    if (result) RecordWalk(*snapshot_, range.begin, range.end).run(count, stop);
+  if (auto same = snapshot_->unchanged(); !same) result = std::move(same);
   if (!result) return tl::unexpected(std::move(result.error()));
   return levels;
 }
 
 Result<std::vector<TileRange>> TileStore::covered() const {
   std::vector<TileRange> ranges;
-  std::uint64_t records = 0;
   for (const TileRange& own : in_file({{}, {internal::kNoLevel, 0}})) {
     const auto add = [&](TileKey first, TileKey last) {
       const TileKey begin = shown(std::max(first, own.begin));
@@ -408,21 +384,17 @@ Result<std::vector<TileRange>> TileStore::covered() const {
       ranges.back().end = std::max(ranges.back().end, end);
       return true;
     };
-    const auto add_record = [&](const Record& record) {
-      if (++records % Snapshot::kReleaseEvery == 0) release_all();
-      return add(record.first(), record.last());
-    };
-    RecordWalk(*state_->snapshot, own.begin, own.end).run(add_record, [&](const Damage& damage) {
-      return add(damage.first, damage.last);
-    });
+    RecordWalk(*snapshot_, own.begin, own.end)
+        .run([&](const Record& record) { return add(record.first(), record.last()); },
+             [&](const Damage& damage) { return add(damage.first, damage.last); });
   }
-  SLF_TRY(state_->snapshot->unchanged());
+  SLF_TRY(snapshot_->unchanged());
   return ranges;
 }
 
 void TileStore::check_structure(std::vector<Error>& findings) const {
-  internal::check_pages(state_->snapshot->pages(), internal::CheckScope::everything, findings);
-  if (auto same = state_->snapshot->unchanged(); !same) findings.push_back(std::move(same.error()));
+  internal::check_pages(snapshot_->pages(), internal::CheckScope::everything, findings);
+  if (auto same = snapshot_->unchanged(); !same) findings.push_back(std::move(same.error()));
 }
 
 }  // namespace slf::storage

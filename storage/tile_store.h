@@ -18,6 +18,7 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include "base/bytes.h"
@@ -27,10 +28,12 @@
 namespace slf::storage {
 
 using slf::TileKey;
+using slf::TileState;
 
 class RangeSource;
-
-using slf::TileState;
+namespace internal {
+class Snapshot;
+}
 
 /// A tile's state and payload. `payload` views the map and is valid as long as the TileStore lives.
 /// Its bytes are untrusted until check() has succeeded.
@@ -52,6 +55,7 @@ struct TileRef {
 struct FileRange {
   std::uint64_t begin = 0;
   std::uint64_t end = 0;
+  [[nodiscard]] std::uint64_t size() const { return end - begin; }
 };
 
 /// The content of one level.
@@ -62,7 +66,6 @@ struct LevelStatistics {
   std::uint64_t empty = 0;          ///< tiles
   std::uint64_t same = 0;           ///< tiles
   std::uint64_t payload_bytes = 0;  ///< sum of the payloads
-  std::uint64_t record_bytes = 0;   ///< of the records, with tables and padding
 };
 
 /// A part of the container that cannot be read, and the keys that it should hold, both inclusive.
@@ -75,7 +78,7 @@ struct Damage : Error {
 };
 
 /// A consistent, read-only snapshot of a container: the last commit before it was opened. Later
-/// commits do not affect it.
+/// commits do not affect it. A handle: copies are cheap and share it.
 /// Thread-safety: all const members may be called from many threads at once.
 class TileStore {
  public:
@@ -100,11 +103,7 @@ class TileStore {
   /// modulo 2^14; visit() and all that counts go over its tiles only.
   [[nodiscard]] TileStore in_state(unsigned state) const;
   /// The same snapshot as open() shows it: all states.
-  [[nodiscard]] TileStore all_states() const { return TileStore(state_); }
-
-  TileStore(TileStore&&) noexcept;
-  TileStore& operator=(TileStore&&) noexcept;
-  ~TileStore();
+  [[nodiscard]] TileStore all_states() const { return TileStore(snapshot_); }
 
   [[nodiscard]] const std::string& path() const;
   [[nodiscard]] std::uint64_t file_bytes() const;
@@ -196,8 +195,8 @@ class TileStore {
   void check_structure(std::vector<Error>& findings) const;
 
  private:
-  struct State;
-  explicit TileStore(std::shared_ptr<State> state);
+  explicit TileStore(std::shared_ptr<const internal::Snapshot> snapshot)
+      : snapshot_(std::move(snapshot)) {}
   [[nodiscard]] Result<void> verify(const TileRef& tile) const;
   /// find() and find_all(), which do not give a tile the payload of the one that it is the same as.
   [[nodiscard]] Result<TileRef> find_own(TileKey key) const;
@@ -207,7 +206,7 @@ class TileStore {
   [[nodiscard]] TileKey shown(TileKey key) const { return {key.level, key.index - first_}; }
   [[nodiscard]] std::vector<TileRange> in_file(const TileRange& keys) const;
 
-  std::shared_ptr<State> state_;
+  std::shared_ptr<const internal::Snapshot> snapshot_;
   std::uint64_t first_ = 0;  ///< the index of the first tile of the state that is shown
   bool one_state_ = false;
 };

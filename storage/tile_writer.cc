@@ -81,7 +81,7 @@ Result<void> write_new(Environment& environment, const SealedBlobs& blobs) {
 Result<void> check_end(const Snapshot& snapshot) {
   auto last = SLF_TRY(snapshot.last_before({internal::kNoLevel, ~std::uint64_t{0}}));
   if (last == snapshot.container().last) return {};
-  return fail(ErrorCode::bad_file, snapshot.path(), ": does not end with its last record");
+  return bad_file(snapshot.path(), "does not end with its last record");
 }
 
 // A committed record, some of whose tiles are being replaced. The other tiles view the snapshot.
@@ -104,9 +104,9 @@ struct Edit {
 
 struct TileWriter::State {
   std::string path;
-  LockedFile file;  // before the environment, which its lock must outlive
-  std::optional<Environment> environment;
-  Container container;  // as committed
+  LockedFile file;                           // before the environment, which its lock must outlive
+  std::unique_ptr<Environment> environment;  // null: closed
+  Container container;                       // as committed
   RecordBuilder builder;
   std::vector<CompleteRecord> records;  // complete, not committed
   std::uint64_t record_bytes = 0;       // of `records`
@@ -132,14 +132,14 @@ struct TileWriter::State {
 
   // failed: `path` no longer names the file that was written.
   [[nodiscard]] Result<void> check_place() const {
-    if (internal::is_file(file.descriptor(), path)) return {};
+    if (is_same_file(file.descriptor(), path)) return {};
     return fail(ErrorCode::failed, path,
                 ": was removed, renamed or replaced while it was being written; what was written "
                 "is not there");
   }
 
   [[nodiscard]] Result<void> commit() {
-    if (!environment) return fail(ErrorCode::usage, path, ": was closed");
+    if (!environment) return misuse(path, "was closed");
     if (records.empty() && blobs.empty() && edits.empty()) return check_place();
     SLF_TRY(before_commit());
     Container committed = container;
@@ -163,7 +163,7 @@ struct TileWriter::State {
   }
 
   [[nodiscard]] tl::unexpected<Error> no_record(TileKey key) const {
-    return fail(ErrorCode::usage, path, ": no record holds tile ", name(key));
+    return misuse(path, "no record holds tile ", name(key));
   }
 
   [[nodiscard]] Result<Edit*> edit(TileKey key);
@@ -187,13 +187,13 @@ Result<TileWriter> TileWriter::create(const std::string& path,
   auto file = SLF_TRY(NewFile::create(path, name));  // a crash leaves no partial container
   auto state = std::make_unique<State>();
   state->path = path;
-  state->file = LockedFile(fcntl(file.descriptor(), F_DUPFD_CLOEXEC, 0));
+  state->file = LockedFile(Descriptor(fcntl(file.descriptor(), F_DUPFD_CLOEXEC, 0)));
   SLF_TRY(state->file.lock_writer(name));
   bool published = false;
   const auto finish = [&]() -> Result<void> {
     {
       auto environment = SLF_TRY(Environment::open(name, file.descriptor()));
-      SLF_TRY(write_new(environment, sealed));
+      SLF_TRY(write_new(*environment, sealed));
     }
     SLF_TRY(file.publish(Existing::keep));
     published = true;
@@ -228,8 +228,8 @@ Result<TileWriter> TileWriter::resume(const std::string& path) {
   state->container = snapshot->container();
   SLF_TRY(state->attach());
   if (state->environment->transaction() != transaction)
-    return fail(ErrorCode::bad_file, path, ": LMDB sees transaction ",
-                state->environment->transaction(), ", expected ", transaction);
+    return bad_file(path, "LMDB sees transaction ", state->environment->transaction(),
+                    ", expected ", transaction);
   return TileWriter(std::move(state));
 }
 
@@ -254,7 +254,7 @@ Result<void> TileWriter::append_missing(TileKey key) {
 
 Result<void> TileWriter::append_same(TileKey key, std::uint64_t back) {
   if (back == 0 || back > state_of(key))
-    return fail(ErrorCode::usage, state_->place(key), ": the same as ", back, " states before");
+    return misuse(state_->place(key), "the same as ", back, " states before");
   return state_->append({key, TileState::same, {}, std::nullopt, back});
 }
 
@@ -274,11 +274,11 @@ Result<void> TileWriter::State::append(internal::NewTile tile) {
   const std::size_t bytes = tile.payload.bytes().size();
   const auto last = builder.last();
   if (last && key <= *last)
-    return fail(ErrorCode::usage, place(key), ": tiles are appended in key order; ",
-                "the last one was ", name(*last));
+    return misuse(place(key), "tiles are appended in key order; ", "the last one was ",
+                  name(*last));
   if (key.level == internal::kNoLevel || bytes > internal::kMaxPayload)
-    return fail(ErrorCode::usage, place(key), ": levels go up to 254, payloads up to ",
-                internal::kMaxPayload, " bytes; this one has ", bytes);
+    return misuse(place(key), "levels go up to 254, payloads up to ", internal::kMaxPayload,
+                  " bytes; this one has ", bytes);
   const std::size_t before = records.size();
   builder.append(std::move(tile), records);
   for (std::size_t k = before; k < records.size(); ++k) record_bytes += records[k].bytes;
@@ -328,9 +328,8 @@ Result<void> TileWriter::replace(TileKey key, TileState tile_state, ByteSpan pay
   if (payload.empty() == (tile_state == TileState::stored) ||
       payload.size() > internal::kMaxPayload || back > state_of(key) ||
       (back > 0) != (tile_state == TileState::same))
-    return fail(ErrorCode::usage, state_->place(key), ": a payload of ", payload.size(),
-                " bytes for that state");
-  if (!state_->environment) return fail(ErrorCode::usage, state_->path, ": was closed");
+    return misuse(state_->place(key), "a payload of ", payload.size(), " bytes for that state");
+  if (!state_->environment) return misuse(state_->path, "was closed");
   auto edit = SLF_TRY(state_->edit(key));
   const std::size_t position = key.index - edit->first.index;
   Bytes& copy = edit->payloads[key];

@@ -36,44 +36,36 @@ Result<void> Trees::load(const Pages& pages) {
   if (!container)
     return fail(container.error().code, path_, ": container: ", container.error().message);
   if (container->transaction != meta().transaction)
-    return fail(ErrorCode::bad_file, path_, ": the meta page names transaction ",
-                meta().transaction, ", the container ", container->transaction,
-                ": damaged, or written to by another program");
+    return bad_file(path_, "the meta page names transaction ", meta().transaction,
+                    ", the container ", container->transaction,
+                    ": damaged, or written to by another program");
   container_ = *container;
   tiles_ = SLF_TRY(named_tree(kTiles));
   if (tiles_.entries != container_.records)
-    return fail(ErrorCode::bad_file, path_, ": has ", tiles_.entries, " records, expected ",
-                container_.records);
+    return bad_file(path_, "has ", tiles_.entries, " records, expected ", container_.records);
   return unchanged();
 }
 
 Result<Tree> Trees::named_tree(std::string_view name) const {
   Cursor cursor(pages_, meta().main);
-  auto found = SLF_TRY(cursor.seek(bytes_of(name)));
-  if (!found || compare_keys(cursor.key(), bytes_of(name)) != 0)
-    return fail(ErrorCode::bad_file, path_, ": not a field, or damaged: it has no tree '", name,
-                "'");
+  const bool found = SLF_TRY(cursor.find(name));
+  if (!found) return bad_file(path_, "not a field, or damaged: it has no tree '", name, "'");
   if (cursor.node().flags != kSubTree || cursor.node().data.size() != kTreeBytes)
-    return fail(ErrorCode::bad_file, path_, ": the entry of tree '", name, "' is damaged");
+    return bad_file(path_, "the entry of tree '", name, "' is damaged");
   const Tree tree = Tree::parse(cursor.node().data.data());
   if (tree.flags != 0)
-    return fail(ErrorCode::bad_file, path_, ": tree '", name, "' has flags ", tree.flags,
-                ", expected none");
+    return bad_file(path_, "tree '", name, "' has flags ", tree.flags, ", expected none");
   return tree;
 }
 
 Result<bool> Trees::has_blob(std::string_view name) const {
-  Cursor cursor(pages_, manifest_);
-  const bool found = SLF_TRY(cursor.seek(bytes_of(name)));
-  return found && compare_keys(cursor.key(), bytes_of(name)) == 0;
+  return Cursor(pages_, manifest_).find(name);
 }
 
 Result<ByteSpan> Trees::blob(std::string_view name) const {
   Cursor cursor(pages_, manifest_);
-  auto found = SLF_TRY(cursor.seek(bytes_of(name)));
-  if (!found || compare_keys(cursor.key(), bytes_of(name)) != 0)
-    return fail(ErrorCode::bad_file, path_, ": not a field, or damaged: it has no entry '", name,
-                "'");
+  const bool found = SLF_TRY(cursor.find(name));
+  if (!found) return bad_file(path_, "not a field, or damaged: it has no entry '", name, "'");
   auto sealed = cursor.value();
   if (!sealed) return sealed;
   auto bytes = open_blob(name, *sealed);
@@ -103,9 +95,7 @@ Result<Record> Trees::parse(const Cursor& at) const {
 
 Result<Record> Trees::record(const Cursor& at) const {
   const auto key = decode_key(at.key());
-  if (!key)
-    return fail(ErrorCode::bad_file, path_, ": a record's key of ", at.key().size(),
-                " bytes, expected 9");
+  if (!key) return bad_file(path_, "a record's key of ", at.key().size(), " bytes, expected 9");
   auto record = parse(at);
   if (record && record->last() != *key)
     record = fail(ErrorCode::bad_file, "a record that ends at tile ", int{record->last().level},
@@ -121,8 +111,7 @@ Result<std::optional<TileKey>> Trees::last_before(TileKey key) const {
   auto found = SLF_TRY(cursor.seek_before(encode_key(key)));
   if (!found) return std::nullopt;
   const auto before = decode_key(cursor.key());
-  if (!before || *before >= key)
-    return fail(ErrorCode::bad_file, path_, ": the records are out of order");
+  if (!before || *before >= key) return bad_file(path_, "the records are out of order");
   return *before;
 }
 
@@ -131,16 +120,14 @@ Result<std::optional<Record>> Trees::find(TileKey key, std::uint64_t* offset) co
   Cursor cursor(pages_, tiles_);
   auto found = SLF_TRY(cursor.seek(encode_key(key)));
   auto found_record =
-      found ? record(cursor)
-            : fail(ErrorCode::bad_file, path_, ": the records end before the last tile");
+      found ? record(cursor) : bad_file(path_, "the records end before the last tile");
   SLF_TRY(unchanged());
   if (!found_record) return tl::unexpected(std::move(found_record.error()));
   if (key > found_record->last() || (found_record->previous() && key <= *found_record->previous()))
-    return fail(ErrorCode::bad_file, path_, ": the record of tile ", int{key.level}, "/", key.index,
-                " is lost");
+    return bad_file(path_, "the record of tile ", int{key.level}, "/", key.index, " is lost");
   if (key < found_record->first()) return std::nullopt;
   if (offset != nullptr && (cursor.node().flags & kBigData) == 0)
-    return fail(ErrorCode::bad_file, path_, ": a record inside a tree page");
+    return bad_file(path_, "a record inside a tree page");
   if (offset != nullptr) *offset = pages_.value_offset(cursor.node());
   return *found_record;
 }

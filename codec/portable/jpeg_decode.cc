@@ -251,7 +251,7 @@ Result<void> decode_scan(const JpegTables& tables, const JpegShape& shape, ByteS
     all[2] = {width / part, height / part, memory.subspan(luma + chroma, chroma), 0};
   }
   if (const char* wrong = decode_planes(tables, shape, scan, planes))
-    return fail(ErrorCode::bad_file, "JPEG: ", wrong);
+    return bad_file("JPEG", wrong);
   if (shape.color == JpegColor::gray) return {};
 
   std::uint8_t* lines[2] = {all[2].values.data() + all[2].values.size()};

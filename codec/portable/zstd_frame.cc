@@ -285,7 +285,7 @@ Result<void> append_stream(ByteSpan, int, Bytes&) {
 Result<void> read_stream(ByteSpan& bytes, std::span<std::byte> stream) {
   if (stream.empty()) return {};
   const auto decoder = std::make_unique<FrameDecoder>(stream);  // large for a stack
-  if (const char* wrong = decoder->decode(bytes)) return fail(ErrorCode::bad_file, "zstd: ", wrong);
+  if (const char* wrong = decoder->decode(bytes)) return bad_file("zstd", wrong);
   return {};
 }
 

@@ -70,17 +70,15 @@ Result<CameraPath> CameraPath::parse(std::string_view json, const std::string& n
                                      const Sphere& sphere) {
   const auto root = nlohmann::json::parse(json, nullptr, false);
   if (!root.is_object() || !root.contains("keys") || !root["keys"].is_array())
-    return fail(ErrorCode::bad_file, name, ": expected JSON with an array \"keys\"");
+    return bad_file(name, "expected JSON with an array \"keys\"");
   const nlohmann::json& keys = root["keys"];
   if (keys.size() < 2 || keys.size() > kMaxKeys)
-    return fail(ErrorCode::bad_file, name, ": ", keys.size(), " keys; expected 2 to ", kMaxKeys);
+    return bad_file(name, keys.size(), " keys; expected 2 to ", kMaxKeys);
 
   std::vector<Key> path;
   for (std::size_t k = 0; k < keys.size(); ++k) {
     const nlohmann::json& from = keys[k];
-    const auto bad = [&](const char* what) {
-      return fail(ErrorCode::bad_file, name, ": key ", k, ": ", what);
-    };
+    const auto bad = [&](const char* what) { return bad_file(name, "key ", k, ": ", what); };
     if (!from.is_object()) return bad("expected an object");
     Key key;
     const double at = number_of(from, "at");

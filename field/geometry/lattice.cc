@@ -6,8 +6,6 @@
 
 namespace slf {
 
-std::int32_t LatticeVertex::resolution() const { return std::abs(i) + std::abs(j) + std::abs(k); }
-
 glm::dvec3 direction(const LatticeVertex& vertex) {
   return glm::normalize(glm::dvec3(vertex.i, vertex.j, vertex.k));
 }

@@ -23,8 +23,6 @@ struct LatticeVertex {
   std::int32_t k = 0;
   friend bool operator==(const LatticeVertex&, const LatticeVertex&) = default;
   friend auto operator<=>(const LatticeVertex&, const LatticeVertex&) = default;
-
-  [[nodiscard]] std::int32_t resolution() const;  ///< N = |i|+|j|+|k|
 };
 
 /// A vertex as seen from one octant: the first two barycentric coordinates, times N. A vertex on
@@ -52,17 +50,6 @@ struct OctantPoint {
 /// The number of vertices of lattice(N): 4N²+2.
 [[nodiscard]] constexpr std::uint64_t vertex_count(std::uint64_t resolution) {
   return 4 * resolution * resolution + 2;
-}
-
-/// The number of vertices of a triangle with `side` cells along each edge, including its border.
-[[nodiscard]] constexpr std::uint32_t triangle_size(std::uint32_t side) {
-  return (side + 1) * (side + 2) / 2;
-}
-
-/// The index of (p, q), p + q <= side, in a triangle stored by lines of constant q.
-[[nodiscard]] constexpr std::uint32_t triangle_index(std::uint32_t side, std::uint32_t p,
-                                                     std::uint32_t q) {
-  return q * (side + 1) - q * (q - 1) / 2 + p;
 }
 
 /// The lattice cell that contains a point, and the point's weights for triangle interpolation

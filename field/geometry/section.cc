@@ -52,13 +52,6 @@ Section section_at(unsigned octant, SectionPlace place, unsigned level) {
   return descend<std::int64_t>(octant, {a, b, (3 << level) - a - b}, level);
 }
 
-Section section_of(const Cell& cell, std::uint32_t side, unsigned level) {
-  const auto n = static_cast<std::int32_t>(side);
-  SectionPlace place{cell.base.x / n, cell.base.y / n, false};
-  place.inverted = cell.base.x % n + cell.base.y % n + (cell.inverted ? 1 : 0) >= n;
-  return section_at(cell.octant, place, level);
-}
-
 Section locate_section(const glm::dvec3& direction, unsigned level) {
   const glm::dvec3 a = glm::abs(direction);
   return descend<double>(octant_of(direction), {a.x, a.y, a.z}, level);

@@ -52,10 +52,6 @@ struct SectionPlace {
 [[nodiscard]] SectionPlace place_of(Section section);
 [[nodiscard]] Section section_at(unsigned octant, SectionPlace place, unsigned level);
 
-/// The section of `level` that contains a cell of the lattice with `side`·2^level cells along an
-/// edge.
-[[nodiscard]] Section section_of(const Cell& cell, std::uint32_t side, unsigned level);
-
 /// The section of `level` that contains a direction. On shared arcs, the tie rule of owner_of()
 /// applies.
 [[nodiscard]] Section locate_section(const glm::dvec3& direction, unsigned level);

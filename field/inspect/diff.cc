@@ -6,6 +6,7 @@
 #include "base/try.h"
 #include "field/geometry/tile_order.h"
 #include "field/inspect/channel.h"
+#include "field/tiles/tile_cache.h"
 #include "slf/inspect.h"
 
 namespace slf {
@@ -41,32 +42,32 @@ double psnr(double mean_square) {
   return mean_square > 0 ? -10 * std::log10(mean_square) : std::numeric_limits<double>::infinity();
 }
 
-struct Comparison {
-  const FieldFile& a;
-  const FieldFile& b;
-  std::size_t channels;  ///< 1: colour, which both have; 2: depth, too
-  bool same_codec;       ///< so equal bytes mean equal samples
-  TileCache& tiles_a;
-  TileCache& tiles_b;
-};
+/// Whether equal bytes mean equal samples.
+bool have_same_codec(const FieldFile& a, const FieldFile& b) {
+  return a.codec().spec() == b.codec().spec() && a.format() == b.format() &&
+         std::ranges::equal(a.codec().tables(), b.codec().tables());
+}
 
-Comparison compare_fields(TileCache& tiles_a, TileCache& tiles_b) {
-  const FieldFile &a = tiles_a.field(), &b = tiles_b.field();
-  const ByteSpan tables_a = a.codec().tables(), tables_b = b.codec().tables();
-  const bool same = a.codec().spec() == b.codec().spec() && a.format() == b.format() &&
-                    std::ranges::equal(tables_a, tables_b);
-  return {a, b, a.has_depth() && b.has_depth() ? 2u : 1u, same, tiles_a, tiles_b};
+/// The part of a tile's samples that holds a channel.
+ByteSpan channel_of(const TileShape& shape, ByteSpan samples, bool depth) {
+  return depth ? samples.subspan(shape.color_bytes()) : samples.first(shape.color_bytes());
 }
 
 /// Compares batches of tiles on one thread.
 class Comparer {
  public:
-  explicit Comparer(const Comparison& comparison)
-      : a_(comparison.a), b_(comparison.b), comparison_(comparison) {}
+  /// `channels`: 1: colour, which both have; 2: depth, too.
+  Comparer(TileCache& tiles_a, TileCache& tiles_b, std::size_t channels)
+      : a_(tiles_a.field()),
+        b_(tiles_b.field()),
+        tiles_a_(tiles_a),
+        tiles_b_(tiles_b),
+        channels_(channels),
+        same_codec_(have_same_codec(a_, b_)) {}
 
   /// The sum of each channel.
   Result<std::vector<Sum>> compare(std::span<const TileKey> keys) {
-    std::vector<Sum> sums(comparison_.channels);
+    std::vector<Sum> sums(channels_);
     const auto in_a = a_.store().find_all(keys), in_b = b_.store().find_all(keys);
     for (std::size_t k = 0; k < keys.size(); ++k) {
       if (!in_a[k]) return tl::unexpected(in_a[k].error());
@@ -92,10 +93,10 @@ class Comparer {
     SLF_TRY(a_.store().fetch(a));
     SLF_TRY(b_.store().fetch(b));
     const bool same_bytes = a.state == b.state && std::ranges::equal(a.payload, b.payload);
-    if (same_bytes && (comparison_.same_codec || a.state == TileState::empty)) return {};
+    if (same_bytes && (same_codec_ || a.state == TileState::empty)) return {};
 
-    SLF_TRY(comparison_.tiles_a.read(a.key, samples_a_));
-    SLF_TRY(comparison_.tiles_b.read(b.key, samples_b_));
+    SLF_TRY(tiles_a_.read(a.key, samples_a_));
+    SLF_TRY(tiles_b_.read(b.key, samples_b_));
     for (std::size_t c = 0; c < sums.size(); ++c) compare_channel(c == 1, a.key, sums[c]);
     return {};
   }
@@ -120,7 +121,10 @@ class Comparer {
 
   const FieldFile& a_;
   const FieldFile& b_;
-  const Comparison& comparison_;
+  TileCache& tiles_a_;
+  TileCache& tiles_b_;
+  const std::size_t channels_;
+  const bool same_codec_;
   Bytes samples_a_, samples_b_;
   std::vector<float> numbers_a_, numbers_b_, colors_;
 };
@@ -143,12 +147,9 @@ bool same_rays(const FieldShape& a, const FieldShape& b) {
 FieldShape union_shape(const FieldShape& a, const FieldShape& b) {
   FieldShape shape = a;
   shape.levels = std::max(a.levels, b.levels);
-  if (a.subfields.empty() || b.subfields.empty()) {
-    shape.subfields.clear();
-    return shape;
-  }
   shape.subfields.clear();
-  std::ranges::set_union(a.subfields, b.subfields, std::back_inserter(shape.subfields));
+  if (!a.subfields.empty() && !b.subfields.empty())
+    std::ranges::set_union(a.subfields, b.subfields, std::back_inserter(shape.subfields));
   return shape;
 }
 
@@ -190,7 +191,7 @@ Result<FieldDifference> diff_fields(const Field& handle_a, const Field& handle_b
   if (!difference.comparable) return difference;
 
   TileCache tiles_a(a, kMemory), tiles_b(b, kMemory);
-  const Comparison comparison = compare_fields(tiles_a, tiles_b);
+  const std::size_t channels = a.has_depth() && b.has_depth() ? 2 : 1;
   const TileOrder order(union_shape(a.shape(), b.shape()));
   const auto in_a = SLF_TRY(a.recorded(order));
   const auto in_b = SLF_TRY(b.recorded(order));
@@ -204,11 +205,11 @@ Result<FieldDifference> diff_fields(const Field& handle_a, const Field& handle_b
     return keys;
   };
   const auto new_maker = [&] {
-    return [&, comparer = Comparer(comparison)](std::uint64_t batch) mutable {
+    return [&, comparer = Comparer(tiles_a, tiles_b, channels)](std::uint64_t batch) mutable {
       return comparer.compare(keys_of(batch));
     };
   };
-  std::vector<Sum> total(comparison.channels);
+  std::vector<Sum> total(channels);
   Reporter reporter(progress, {0, all.count(), 0},
                     a.path() + " and " + b.path() + ": comparison interrupted");
   const auto add = [&](std::uint64_t batch, const std::vector<Sum>& sums) {

@@ -1,5 +1,6 @@
 #include <algorithm>
 
+#include "base/try.h"
 #include "field/field_file.h"
 #include "slf/inspect.h"
 
@@ -24,13 +25,13 @@ class Listing {
     for (unsigned level = filter_.first_level; level <= last_level(); ++level) {
       const unsigned bits = 4 * level + 2 * field_.shape().entry_extra_levels;
       if (filter_.subfields.empty() && field_.shape().subfields.empty()) {
-        if (auto ok = range(level, 0, std::uint64_t{64} << bits); !ok) return ok;
+        SLF_TRY(range(level, 0, std::uint64_t{64} << bits));
         continue;
       }
       for (const std::uint8_t subfield :
            filter_.subfields.empty() ? field_.shape().subfields : filter_.subfields) {
         const std::uint64_t begin = std::uint64_t{subfield} << bits;
-        if (auto ok = range(level, begin, begin + (std::uint64_t{1} << bits)); !ok) return ok;
+        SLF_TRY(range(level, begin, begin + (std::uint64_t{1} << bits)));
       }
     }
     return {};
@@ -45,13 +46,11 @@ class Listing {
   Result<void> range(unsigned level, std::uint64_t begin, std::uint64_t end) {
     const auto l = static_cast<std::uint8_t>(level);
     std::uint64_t due = begin;
-    auto visited =
-        field_.store().visit({l, begin}, {l, end}, [&](const TileRef& tile) -> Result<void> {
-          if (auto ok = missing(l, due, tile.key.index); !ok) return ok;
-          due = tile.key.index + 1;
-          return visit(tile);
-        });
-    if (!visited) return visited;
+    SLF_TRY(field_.store().visit({l, begin}, {l, end}, [&](const TileRef& tile) -> Result<void> {
+      SLF_TRY(missing(l, due, tile.key.index));
+      due = tile.key.index + 1;
+      return visit(tile);
+    }));
     return missing(l, due, end);
   }
 
@@ -62,7 +61,7 @@ class Listing {
       return misuse(field_.path(), "more than ", kMaxMissing, " tiles are missing up to level ",
                     int{level}, "; list those of fewer levels or subfields");
     for (std::uint64_t index = begin; index < end; ++index)
-      if (auto ok = visit({TileState::missing, {level, index}, {}, 0}); !ok) return ok;
+      SLF_TRY(visit({TileState::missing, {level, index}, {}, 0}));
     return {};
   }
 
@@ -148,8 +147,7 @@ Result<TileKey> find_tile(const Field& field, unsigned level, std::uint64_t inde
 
 Result<void> list_tiles(const Field& field, const TileFilter& filter,
                         const std::function<Result<void>(const ListedTile&)>& visitor) {
-  const FieldFile& file = field.file();
-  if (auto ok = check(file, filter); !ok) return ok;
+  SLF_TRY(check(field.file(), filter));
   return Listing(field, filter, visitor).run();
 }
 

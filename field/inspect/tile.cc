@@ -1,6 +1,7 @@
 #include <algorithm>
 
 #include "base/try.h"
+#include "field/field_file.h"
 #include "field/inspect/channel.h"
 #include "slf/inspect.h"
 
@@ -8,21 +9,22 @@ namespace slf {
 
 Result<TileSampleSet> read_tile(const TileReader& tiles, TileKey key, const std::string& name) {
   const FieldFile& field = tiles.field().file();
-  if (!has_channel(field, name)) return misuse(field.path(), "has no channel '", name, "'");
+  const bool depth = name == "depth";
+  if (depth ? !field.has_depth() : name != "color")
+    return misuse(field.path(), "has no channel '", name, "'");
   auto read = SLF_TRY(tiles.read(key));
   auto tile = std::make_shared<TileReader::Tile>(std::move(read));
   if (tile->missing())
     return fail(ErrorCode::tile_missing, field.path(), ": tile ", int{key.level}, "/", key.index,
                 " is missing; the build command that made the field builds it");
 
-  const bool depth = name == "depth";
   const TileShape shape = field.tile_shape(key);
   TileSampleSet set;
   set.numbers = depth ? 1 : 4;
   set.half = !depth && is_half(field.format());
   set.side = shape.side;
   set.empty = tile->colors().empty();
-  for (const codec::LocalPoint& position : shape.positions)
+  for (const LocalPoint& position : shape.positions)
     set.entries.push_back({position.p, position.q});
   if (set.empty) {
     const auto zeros =

@@ -7,14 +7,13 @@
 #include <algorithm>
 #include <array>
 #include <atomic>
-#include <cerrno>
 #include <chrono>
 #include <fstream>
 #include <nlohmann/json.hpp>
 #include <numeric>
-#include <system_error>
 #include <thread>
 
+#include "base/file.h"
 #include "base/guarded.h"
 #include "base/reporter.h"
 #include "base/sort_unique.h"
@@ -179,10 +178,6 @@ std::string difference(const Field& field, const Scene& scene) {
   return place.empty() ? "/" : place;
 }
 
-}  // namespace
-
-namespace {
-
 /// Adds the footprint of tiles in one file, whose first page has a number.
 Result<void> add_footprint(const FieldFile& field, std::span<const TileKey> tiles,
                            std::uint64_t first_page, Footprint& sum) {
@@ -219,15 +214,12 @@ Result<Footprint> footprint(const Field& field, std::span<const TileKey> tiles) 
 }
 
 Result<void> drop_page_cache(const std::string& path) {
-  const int fd = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
+  const Descriptor file(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
   // Dirty pages are not dropped.
-  const bool good =
-      fd >= 0 && ::fsync(fd) == 0 && ::posix_fadvise(fd, 0, 0, POSIX_FADV_DONTNEED) == 0;
-  const int cause = errno;
-  if (fd >= 0) ::close(fd);
-  if (good) return {};
-  return fail(ErrorCode::io, path,
-              ": cannot drop its cached pages: ", std::generic_category().message(cause));
+  if (file.get() >= 0 && ::fsync(file.get()) == 0 &&
+      ::posix_fadvise(file.get(), 0, 0, POSIX_FADV_DONTNEED) == 0)
+    return {};
+  return io_error(path, "cannot drop its cached pages");
 }
 
 ResidentMemory resident_memory() {
@@ -316,10 +308,9 @@ Result<Evaluation> evaluate_views(const Field& field, const Scene& scene,
     Image expected = shrink(truth, supersample);
     for (Image* picture : {&expected, &image})
       SLF_TRY(map_tones(field, std::nullopt, /*display=*/true, *picture));
-    const auto [psnr, ssim] = compare(expected, image);
-    result.views.push_back({psnr, ssim});
-    result.psnr += psnr / static_cast<double>(cameras.size());
-    result.ssim += ssim / static_cast<double>(cameras.size());
+    const ViewQuality& view = result.views.emplace_back(compare(expected, image));
+    result.psnr += view.psnr / static_cast<double>(cameras.size());
+    result.ssim += view.ssim / static_cast<double>(cameras.size());
   }
   return result;
 }

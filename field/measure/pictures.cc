@@ -103,10 +103,8 @@ Result<std::vector<PictureQuality>> evaluate_pictures(const Field& field,
     const auto camera = SLF_TRY(camera_of(picture));
     auto drawn = SLF_TRY(renderer.render(camera, view));
     const Image image = through_lens(picture, camera, std::move(drawn));
-    const ImageDifference whole = compare(truth, image);
-    const ImageDifference inside =
-        compare(truth, image, pixels_inside(field.shape().sphere, picture));
-    qualities.push_back({picture.name, {whole.psnr, whole.ssim}, {inside.psnr, inside.ssim}});
+    qualities.push_back({picture.name, compare(truth, image),
+                         compare(truth, image, pixels_inside(field.shape().sphere, picture))});
     SLF_TRY(reporter.add(1));
   }
   return qualities;

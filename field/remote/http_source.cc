@@ -178,7 +178,7 @@ bool HttpSource::Transfer::take_body(std::string_view piece) {
   // Nothing reads the text of an error, which may be endless.
   if (status() != (whole ? 200 : 206)) return false;
   const ByteSpan bytes = std::as_bytes(std::span(piece));
-  oversized = bytes.size() > range.end - range.begin - body.size();
+  oversized = bytes.size() > range.size() - body.size();
   if (oversized) return false;
   body.insert(body.end(), bytes.begin(), bytes.end());
   if (progress) {
@@ -322,7 +322,7 @@ Result<void> HttpSource::start(Transfer& transfer, Connections& connections) {
   // stalled. The last limit is for a server that sends headers forever.
   set(CURLOPT_LOW_SPEED_LIMIT, kMinBytesPerSecond);
   set(CURLOPT_LOW_SPEED_TIME, std::max(1L, stall_timeout / 1000));
-  const auto bytes = static_cast<long>(transfer.range.end - transfer.range.begin);
+  const auto bytes = static_cast<long>(transfer.range.size());
   set(CURLOPT_TIMEOUT_MS, 2 * stall_timeout + 1000 * (bytes / kMinBytesPerSecond));
   if (validator_.starts_with('"')) {  // a strong ETag
     transfer.headers = curl.slist_append(nullptr, ("If-Match: " + validator_).c_str());
@@ -334,7 +334,7 @@ Result<void> HttpSource::start(Transfer& transfer, Connections& connections) {
   using Count = int (*)(void*, curl_off_t, curl_off_t, curl_off_t, curl_off_t);
   const Count too_much = [](void* to, curl_off_t, curl_off_t got, curl_off_t, curl_off_t) {
     const FileRange asked = static_cast<Transfer*>(to)->range;
-    return static_cast<std::uint64_t>(got) > asked.end - asked.begin + kMaxIgnored ? 1 : 0;
+    return static_cast<std::uint64_t>(got) > asked.size() + kMaxIgnored ? 1 : 0;
   };
   set(CURLOPT_NOPROGRESS, 0L);
   set(CURLOPT_XFERINFOFUNCTION, too_much);
@@ -416,7 +416,7 @@ Result<bool> HttpSource::evaluate(Transfer& t, int code) {
   if (answered->total != size_ || validator != validator_) return changed();
   if (answered->range.begin != t.range.begin || answered->range.end != t.range.end)
     return failed(ErrorCode::io, "the server sends another part of the file than it was asked for");
-  if (t.body.size() != t.range.end - t.range.begin) return again("the server cut its answer short");
+  if (t.body.size() != t.range.size()) return again("the server cut its answer short");
   return true;
 }
 

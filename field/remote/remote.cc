@@ -6,18 +6,14 @@
 
 namespace slf {
 
-struct RemoteField::State {
-  std::shared_ptr<HttpSource> source;
-};
-
 Result<RemoteField> RemoteField::open(const std::string& url, const RemoteOptions& options,
                                       const ProgressCallback& progress) {
   auto source = SLF_TRY(HttpSource::open(url, options, progress));
   auto store = SLF_TRY(storage::TileStore::open(source));
   auto file = SLF_TRY(FieldFile::open(std::move(store)));
-  return RemoteField(std::make_shared<State>(State{source}), Field::of(std::move(file)));
+  return RemoteField(std::move(source), Field::of(std::move(file)));
 }
 
-RemoteTraffic RemoteField::traffic() const { return state_->source->traffic(); }
+RemoteTraffic RemoteField::traffic() const { return source_->traffic(); }
 
 }  // namespace slf

@@ -1,7 +1,5 @@
 // Blending: computes the pixels of a block's rays from their samples and, in mode depth, estimates
 // the depth along each ray. Compiled for several instruction sets. Private to field/render.
-//
-// A ray's result depends on the ray alone, never on its place in a block: lanes do not mix.
 #pragma once
 
 #include <glm/glm.hpp>

@@ -27,12 +27,7 @@ void append_ray(const RayBlock& from, std::size_t k, RayBlock& to) {
 }  // namespace
 
 BlockRenderer::BlockRenderer(const FieldFile& field, TileCache& cache, std::uint64_t pin_bytes)
-    : field_(field), gatherer_(field, cache, pin_bytes, kBlockRays) {
-  rays_.resize(kBlockRays);
-  unavailable_.resize(kBlockRays);
-  entries_.resize(kBlockRays);
-  exits_.resize(kBlockRays);
-}
+    : field_(field), gatherer_(field, cache, pin_bytes) {}
 
 void BlockRenderer::begin(std::atomic<std::uint32_t>& frame, const ViewOptions& options,
                           const glm::dvec3& eye, Image& image) {
@@ -40,7 +35,6 @@ void BlockRenderer::begin(std::atomic<std::uint32_t>& frame, const ViewOptions& 
   eye_ = eye;
   image_ = &image;
   gatherer_.begin(frame, options.needs_depth());
-  if (options.needs_depth()) refinement_.resize(kBlockRays);
   counts_.hit = 0;
   counts_.level.assign(options.level + 1, 0);
 }

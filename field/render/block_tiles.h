@@ -22,12 +22,6 @@ namespace slf {
 struct TileOffsets {
   std::array<RayArray<std::int64_t>, 3> color, depth;
   RayArray<std::uint32_t> unavailable;  ///< not 0: the ray needs a tile that is unavailable
-
-  void resize(std::size_t size) {
-    for (auto* arrays : {&color, &depth})
-      for (auto& array : *arrays) array.resize(size + kRayPadding);
-    unavailable.resize(size + kRayPadding);
-  }
 };
 
 /// Thread-safety: one thread.

@@ -1,7 +1,5 @@
 // The cubic pass of mode depth (doc/drawing.md, "Mode depth", step 5). Compiled for several
 // instruction sets. Private to field/render.
-//
-// A ray's result depends on the ray alone, never on its place in a block: lanes do not mix.
 #pragma once
 
 #include <glm/glm.hpp>

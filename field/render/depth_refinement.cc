@@ -27,14 +27,6 @@ float convergence(const LevelGeometry& geometry) {
 
 }  // namespace
 
-void DepthRefinement::resize(std::size_t rays) {
-  estimates_.resize(rays);
-  contrast_rays_.resize(rays);
-  contrast_estimates_.resize(rays);
-  for (auto& points : exit_points_) points.resize(rays + kRayPadding);
-  for (auto& exits : exits_) exits.resize(rays);
-}
-
 void DepthRefinement::begin(const LevelGeometry& geometry, Pass& pass) {
   rounds_ = 0;
   contrast_rays_.count = 0;

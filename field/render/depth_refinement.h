@@ -17,8 +17,6 @@ namespace slf {
 /// Reused from block to block. Thread-safety: one thread.
 class DepthRefinement {
  public:
-  void resize(std::size_t rays);
-
   /// The estimates that blend() writes in each pass.
   [[nodiscard]] DepthEstimates& estimates() { return estimates_; }
 

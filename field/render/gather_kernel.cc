@@ -110,6 +110,12 @@ struct FoundPages {
   }
 };
 
+/// Stores a vector or, if `add`, its union with what is there.
+template <class DT, class T>
+HWY_INLINE void store_or(bool add, hn::Vec<DT> v, DT d, T* to) {
+  hn::StoreU(add ? hn::Or(v, hn::LoadU(d, to)) : v, d, to);
+}
+
 /// Where the tiles of one entry vertex of each lane's ray begin, as in TileOffsets.
 struct LaneBegins {
   V64 color[kHalves], depth[kHalves];
@@ -241,9 +247,6 @@ void gather_typed(const TileOffsets& offsets, const Pass& pass, const EntryCells
   const D64 d;
   const DU du;
   const hn::RebindToUnsigned<D64> du64;
-  const auto store_or = [&](auto v, auto tag, auto* to) {
-    hn::StoreU(add ? hn::Or(v, hn::LoadU(tag, to)) : v, tag, to);
-  };
   const auto clear_words = [&](auto* to, std::size_t vectors) {
     auto* const words = reinterpret_cast<std::uint32_t*>(to);
     for (std::size_t v = 0; v < vectors; ++v)
@@ -278,7 +281,7 @@ void gather_typed(const TileOffsets& offsets, const Pass& pass, const EntryCells
         seen = hn::Or3(seen, two[half], one[half]);
         if constexpr (kHalf) {
           const auto put = [&](std::size_t e, V64 v) {
-            store_or(hn::BitCast(du64, v), du64,
+            store_or(add, hn::BitCast(du64, v), du64,
                      &samples.rgba16f[3 * c + e][k + half * hn::Lanes(d)]);
           };
           const V64 second = load(begin, pair_at, -8);
@@ -287,9 +290,9 @@ void gather_typed(const TileOffsets& offsets, const Pass& pass, const EntryCells
         }
       });
       if constexpr (!kHalf) {
-        store_or(lower_bits(two), du, &samples.rgba8[3 * c][k]);
-        store_or(upper_bits(two), du, &samples.rgba8[3 * c + 1][k]);
-        store_or(upper_bits(one), du, &samples.rgba8[3 * c + 2][k]);
+        store_or(add, lower_bits(two), du, &samples.rgba8[3 * c][k]);
+        store_or(add, upper_bits(two), du, &samples.rgba8[3 * c + 1][k]);
+        store_or(add, upper_bits(one), du, &samples.rgba8[3 * c + 2][k]);
       }
       if constexpr (kDepth) {
         if (!add && hn::AllTrue(d, hn::Eq(seen, hn::Zero(d)))) {  // nothing is visible
@@ -305,7 +308,7 @@ void gather_typed(const TileOffsets& offsets, const Pass& pass, const EntryCells
               d, hn::Or(hn::ShiftRight<48>(load_at(pair, 6)),
                         hn::And(hn::ShiftRight<40>(load_at(third, 7)), hn::Set(du64, 0xFF0000))));
         });
-        store_or(lower_bits(two), du, &samples.depth[c][k]);
+        store_or(add, lower_bits(two), du, &samples.depth[c][k]);
       }
     }
   }
@@ -317,9 +320,7 @@ void gather_next(const TileOffsets& offsets, const Pass& pass, const EntryCells&
                  std::size_t count, bool add, BlockSamples& samples) {
   const D64 d;
   const DU du;
-  const auto put = [&](auto v, auto tag, auto* to) {
-    hn::StoreU(add ? hn::Or(v, hn::LoadU(tag, to)) : v, tag, to);
-  };
+  const hn::RebindToUnsigned<D64> du64;
   constexpr int kShift = kHalf ? 3 : 2;  // to bytes
   for (std::size_t slot = 0; slot < 6 * pass.entries; ++slot) {
     const std::size_t c = slot / 6;
@@ -335,10 +336,10 @@ void gather_next(const TileOffsets& offsets, const Pass& pass, const EntryCells&
         const auto exists = hn::Eq(widen(half_of<half.value>(outside)), hn::Zero(d));
         colors[half] = load(hn::IfThenElseZero(exists, begin), bytes, kHalf ? 0 : 4);
         if constexpr (kHalf)
-          put(hn::BitCast(hn::RebindToUnsigned<D64>(), colors[half]), hn::RebindToUnsigned<D64>(),
-              &samples.next_rgba16f[slot][k + half * hn::Lanes(d)]);
+          store_or(add, hn::BitCast(du64, colors[half]), du64,
+                   &samples.next_rgba16f[slot][k + half * hn::Lanes(d)]);
       });
-      if constexpr (!kHalf) put(upper_bits(colors), du, &samples.next_rgba8[slot][k]);
+      if constexpr (!kHalf) store_or(add, upper_bits(colors), du, &samples.next_rgba8[slot][k]);
     }
   }
 }

@@ -1,7 +1,5 @@
 // Gathering: reads the samples at the corners of a block's cells. Compiled for several instruction
 // sets. Private to field/render.
-//
-// A ray's result depends on the ray alone, never on its place in a block: lanes do not mix.
 #pragma once
 
 #include "field/render/block_tiles.h"

@@ -2,8 +2,9 @@
 // them. Private to field/render.
 //
 // Everything is a structure of arrays, so that the kernels process as many rays at a time as the
-// machine has lanes. Arrays are longer than the block by kRayPadding: kernels work in whole
-// vectors, and values after the last ray are unspecified.
+// machine has lanes. Lanes do not mix: a ray's result depends on the ray alone, never on its place
+// in a block. Arrays are longer than the block by kRayPadding: kernels work in whole vectors, and
+// values after the last ray are unspecified.
 #pragma once
 
 #include <array>
@@ -38,16 +39,15 @@ struct LineAllocator {
   friend bool operator==(const LineAllocator&, const LineAllocator&) { return true; }
 };
 
+/// A number for each ray of a block. Moving one moves a pointer.
 template <class T>
-using RayArray = std::vector<T, LineAllocator<T>>;
+struct RayArray : std::vector<T, LineAllocator<T>> {
+  RayArray() : std::vector<T, LineAllocator<T>>(kBlockRays + kRayPadding) {}
+};
 
 /// Points on (or in) the unit sphere.
 struct PointArrays {
   RayArray<float> x, y, z;
-
-  void resize(std::size_t size) {
-    for (auto* axis : {&x, &y, &z}) axis->resize(size);
-  }
 };
 
 /// Rays that cross the plenoptic sphere, in coordinates where that is the unit sphere around the
@@ -56,12 +56,6 @@ struct RayBlock {
   std::size_t count = 0;
   PointArrays enter, leave;
   RayArray<std::uint32_t> pixel;  ///< index in the picture
-
-  void resize(std::size_t size) {
-    enter.resize(size + kRayPadding);
-    leave.resize(size + kRayPadding);
-    pixel.resize(size + kRayPadding);
-  }
 };
 
 /// The cell of the entry lattice that each ray enters through: three vertices, or only the nearest
@@ -71,13 +65,6 @@ struct EntryCells {
   std::array<RayArray<std::uint32_t>, 3> row_begin;  ///< the first sample of its row in a tile
   std::array<RayArray<float>, 3> weight;
   std::array<PointArrays, 3> point;  ///< the vertices' positions; only if requested
-
-  void resize(std::size_t size) {
-    for (auto* arrays : {&section, &row_begin})
-      for (auto& array : *arrays) array.resize(size + kRayPadding);
-    for (auto& array : weight) array.resize(size + kRayPadding);
-    for (auto& points : point) points.resize(size + kRayPadding);
-  }
 };
 
 /// The ordered pairs (i, j) of a cell's vertices.
@@ -97,12 +84,6 @@ struct ExitCells {
   /// [pair of kVertexPairs]: column of the next vertex on the line from j through i, or kOutside;
   /// only if requested.
   std::array<RayArray<std::uint32_t>, 6> next;
-
-  void resize(std::size_t size) {
-    for (auto* array : {&section, &pair, &third}) array->resize(size + kRayPadding);
-    for (auto& array : weight) array.resize(size + kRayPadding);
-    for (auto& array : next) array.resize(size + kRayPadding);
-  }
 };
 
 /// The samples of each ray, as stored: for each entry vertex an entry sample, the values at the
@@ -114,15 +95,6 @@ struct BlockSamples {
   std::array<RayArray<std::uint32_t>, 18> next_rgba8;
   std::array<RayArray<std::uint64_t>, 18> next_rgba16f;
   std::array<RayArray<std::uint32_t>, 3> depth;  ///< [entry vertex]: a byte per exit vertex
-
-  void resize(std::size_t size, bool half_floats) {
-    const auto resize_all = [&](auto& arrays, bool used) {
-      for (auto& array : arrays) array.resize(used ? size + kRayPadding : 0);
-    };
-    resize_all(rgba8, !half_floats), resize_all(next_rgba8, !half_floats);
-    resize_all(rgba16f, half_floats), resize_all(next_rgba16f, half_floats);
-    for (auto& array : depth) array.resize(size + kRayPadding);
-  }
 };
 
 /// Depths along each ray, 0 where it enters the sphere and 1 where it leaves, as estimated from its
@@ -134,12 +106,6 @@ struct DepthEstimates {
   std::array<RayArray<float>, 3> next;  ///< and in the next round
   RayArray<float> step;                 ///< the largest move of an aim; 0: converged
   RayArray<float> contrast;             ///< the largest range of R, G or B among the samples, of 1
-
-  void resize(std::size_t size) {
-    for (auto* array : {&t, &step, &contrast}) array->resize(size + kRayPadding);
-    for (auto* arrays : {&aim, &next})
-      for (auto& array : *arrays) array.resize(size + kRayPadding);
-  }
 };
 
 /// One run of a block of rays through gather and blend, or bend. The modes without depth have one

@@ -1,7 +1,5 @@
 // Casting and locating: computes the rays of a block's pixels, and the cells of both lattices that
 // they cross. Compiled for several instruction sets. Private to field/render.
-//
-// A ray's result depends on the ray alone, never on its place in a block: lanes do not mix.
 #pragma once
 
 #include <cstdint>
@@ -24,8 +22,8 @@ struct PixelBlock {
   std::uint32_t x0, y0, x1, y1;
 };
 
-/// Casts a block's rays and keeps those that cross the sphere in front of the eye.
-/// REQUIRES: `rays` is sized for all of them.
+/// Casts a block's rays and keeps those that cross the sphere in front of the eye. REQUIRES: at
+/// most kBlockRays pixels.
 void cast_rays(const CameraBasis& basis, const PixelBlock& block, RayBlock& rays);
 
 /// Locates the cell of the entry lattice that each ray enters through: its vertices' sections, rows

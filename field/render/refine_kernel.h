@@ -1,7 +1,5 @@
 // The arithmetic of depth refinement (depth_refinement.h), compiled for several instruction sets.
 // Private to field/render.
-//
-// A ray's result depends on the ray alone, never on its place in a block: lanes do not mix.
 #pragma once
 
 #include <array>

@@ -111,11 +111,10 @@ unsigned matching_level(const FieldShape& shape, const Camera& camera, RenderMod
 
 Result<void> check_view(const Field& field, const ViewOptions& options) {
   if (options.level != kMatchingLevel && options.level > field.shape().levels)
-    return fail(ErrorCode::usage, field.path(), ": level ", options.level,
-                ": the finest level of this field is ", field.shape().levels);
+    return misuse(field.path(), "level ", options.level, ": the finest level of this field is ",
+                  field.shape().levels);
   if (options.needs_depth() && !field.has_depth())
-    return fail(ErrorCode::usage, field.path(),
-                ": has no depth, which mode depth needs; mode bitri needs none");
+    return misuse(field.path(), "has no depth, which mode depth needs; mode bitri needs none");
   return {};
 }
 

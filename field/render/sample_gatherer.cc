@@ -22,16 +22,12 @@ void remove_repetitions(std::vector<TileKey>& keys, std::size_t& unique) {
 
 }  // namespace
 
-SampleGatherer::SampleGatherer(const FieldFile& field, TileCache& cache, std::uint64_t pin_bytes,
-                               std::size_t max_rays)
+SampleGatherer::SampleGatherer(const FieldFile& field, TileCache& cache, std::uint64_t pin_bytes)
     : cache_(cache),
       reader_(cache.epochs()),
       format_(field.format()),
       pin_bytes_(pin_bytes),
-      max_tile_samples_(field.shape().max_tile_samples()) {
-  tile_offsets_.resize(max_rays);
-  samples_.resize(max_rays, half_floats());
-}
+      max_tile_samples_(field.shape().max_tile_samples()) {}
 
 void SampleGatherer::begin(std::atomic<std::uint32_t>& frame, bool with_depth) {
   frame_ = &frame;
@@ -48,7 +44,8 @@ Result<void> SampleGatherer::gather(const LevelGeometry& geometry, bool wait, st
   gather_loaded(count, entries, pass, false);
   if (tiles_.absent().empty()) return {};
   if (wait) return gather_in_batches(count, entries, pass);
-  add_misses();
+  misses_.insert(misses_.end(), tiles_.absent().begin(), tiles_.absent().end());
+  remove_repetitions(misses_, unique_misses_);
   return {};
 }
 
@@ -75,11 +72,6 @@ Result<void> SampleGatherer::gather_in_batches(std::size_t count, const EntryCel
   *frame_ = cache_.resume_frame(*frame_);
   remove_repetitions(touched_, unique_touched_);
   return {};
-}
-
-void SampleGatherer::add_misses() {
-  misses_.insert(misses_.end(), tiles_.absent().begin(), tiles_.absent().end());
-  remove_repetitions(misses_, unique_misses_);
 }
 
 }  // namespace slf

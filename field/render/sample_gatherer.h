@@ -22,9 +22,8 @@ namespace slf {
 class SampleGatherer {
  public:
   /// Field and cache must outlive this. If a view waits, at most `pin_bytes` of decoded tiles are
-  /// pinned at a time, but always one tile. Blocks have at most `max_rays` rays.
-  SampleGatherer(const FieldFile& field, TileCache& cache, std::uint64_t pin_bytes,
-                 std::size_t max_rays);
+  /// pinned at a time, but always one tile.
+  SampleGatherer(const FieldFile& field, TileCache& cache, std::uint64_t pin_bytes);
 
   /// Begins a view. All of its threads share `frame`, which must outlive the view: a number of
   /// TileCache::begin_frame(), which this renews when it has waited for tiles. If `with_depth`, the
@@ -56,7 +55,6 @@ class SampleGatherer {
   /// Gathers from the tiles that are loaded. If `add`, keeps the samples of earlier calls of the
   /// pass.
   void gather_loaded(std::size_t count, const EntryCells& entries, const Pass& pass, bool add);
-  void add_misses();
 
   TileCache& cache_;
   TileCache::Reader reader_;

@@ -10,6 +10,7 @@
 #include <atomic>
 #include <cstddef>
 #include <cstdint>
+#include <memory>
 
 namespace slf {
 
@@ -73,26 +74,26 @@ class PageTable {
   /// power of two.
   [[nodiscard]] static PageTable make(std::uint64_t entry_sections, std::uint64_t exit_sections);
   PageTable() = default;  ///< empty
-  PageTable(PageTable&& other) noexcept;
-  PageTable& operator=(PageTable&& other) noexcept;
-  ~PageTable();
 
   /// Whether the table is not empty.
   explicit operator bool() const { return pages_ != nullptr; }
 
   /// The page of a tile; null in an empty table. Lives as long as the table.
   [[nodiscard]] TilePage* find(std::uint32_t entry, std::uint32_t exit) const {
-    return pages_ ? pages_ + (std::uint64_t{entry} << exit_bits_) + exit : nullptr;
+    return pages_ ? pages() + (std::uint64_t{entry} << exit_bits_) + exit : nullptr;
   }
 
   /// All pages, [entry << exit_bits() | exit].
-  [[nodiscard]] const TilePage* pages() const { return pages_; }
+  [[nodiscard]] TilePage* pages() const { return pages_.get(); }
   [[nodiscard]] int exit_bits() const { return exit_bits_; }
 
  private:
-  TilePage* pages_ = nullptr;
+  struct Unmap {
+    std::size_t bytes;
+    void operator()(TilePage* pages) const;
+  };
+  std::unique_ptr<TilePage, Unmap> pages_;
   int exit_bits_ = 0;
-  std::size_t bytes_ = 0;
 };
 
 }  // namespace slf

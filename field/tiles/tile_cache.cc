@@ -83,7 +83,6 @@ void TileCache::Pin::release() {
   if (tile_) cache_->unpin(*std::exchange(tile_, nullptr));
 }
 
-TilePage& TileCache::Pin::page() const { return *tile_->page; }
 storage::TileState TileCache::Pin::state() const { return tile_->ref.state; }
 ByteSpan TileCache::Pin::samples() const {
   return tile_->first ? ByteSpan(tile_->first, tile_->bytes) : ByteSpan();

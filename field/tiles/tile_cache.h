@@ -64,7 +64,6 @@ class TileCache {
 
     // REQUIRES of what follows: the pin came from load() or read() and was not moved from.
 
-    [[nodiscard]] TilePage& page() const;
     /// Whether the tile is stored; missing also if a tile that it is predicted from is.
     [[nodiscard]] storage::TileState state() const;
     /// The samples, in the layout of TileShape; none if the tile is not stored.

@@ -25,7 +25,7 @@ TileCache& TileReader::cache() const { return state_->cache; }
 Result<TileReader::Tile> TileReader::read(TileKey key) const {
   const FieldFile& file = field().file();
   if (!file.shape().has(key))
-    return fail(ErrorCode::usage, file.path(), ": has no tile ", int{key.level}, "/", key.index);
+    return misuse(file.path(), "has no tile ", int{key.level}, "/", key.index);
 
   struct Held {
     std::shared_ptr<State> state;  // outlives the pin

@@ -13,7 +13,6 @@
 #include <limits>
 #include <vector>
 
-#include "base/file.h"
 #include "base/try.h"
 #include "field/volume/io.h"
 
@@ -239,7 +238,7 @@ Result<UnpackedFile> UnpackedFile::make(const std::string& path) {
                 ": unpack it yourself, and give the unpacked file");
   };
   UnpackedFile unpacked(open_unnamed_file());
-  if (unpacked.file_ < 0) return no_room();
+  if (unpacked.file_.get() < 0) return no_room();
   std::vector<std::byte> chunk(std::size_t{1} << 18);
   for (std::uint64_t done = 0;;) {
     const auto got = SLF_TRY(reader.read(chunk));
@@ -248,14 +247,10 @@ Result<UnpackedFile> UnpackedFile::make(const std::string& path) {
     if (done > most)
       return unsupported(path, size, " packed bytes become more than ", most,
                          ": if that is right, unpack it yourself, and give the unpacked file");
-    if (write_all(unpacked.file_, ByteSpan(chunk).first(got)) != 0) return no_room();
+    if (write_all(unpacked.file_.get(), ByteSpan(chunk).first(got)) != 0) return no_room();
   }
 }
 
-UnpackedFile::~UnpackedFile() {
-  if (file_ >= 0) ::close(file_);
-}
-
-std::string UnpackedFile::path() const { return "/proc/self/fd/" + std::to_string(file_); }
+std::string UnpackedFile::path() const { return path_of_descriptor(file_.get()); }
 
 }  // namespace slf::volume_io

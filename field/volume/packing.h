@@ -11,7 +11,9 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <utility>
 
+#include "base/file.h"
 #include "slf/error.h"
 
 namespace slf::volume_io {
@@ -58,15 +60,12 @@ class UnpackedFile {
   /// bad_file: damaged, or cut off. unsupported: more than 1 GiB and 100 times its size. io: there
   /// is no room in the folder for temporary files.
   [[nodiscard]] static Result<UnpackedFile> make(const std::string& path);
-  UnpackedFile(UnpackedFile&& other) noexcept : file_(other.file_) { other.file_ = -1; }
-  UnpackedFile& operator=(UnpackedFile&&) = delete;
-  ~UnpackedFile();
   /// A path that opens it in this process and its children.
   [[nodiscard]] std::string path() const;
 
  private:
-  explicit UnpackedFile(int file) : file_(file) {}
-  int file_;
+  explicit UnpackedFile(Descriptor file) : file_(std::move(file)) {}
+  Descriptor file_;
 };
 
 }  // namespace slf::volume_io

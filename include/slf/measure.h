@@ -74,10 +74,8 @@ struct Measurement {
 [[nodiscard]] Result<Measurement> measure_views(const Field& field, const MeasureOptions& options,
                                                 const ProgressCallback& progress = {});
 
-struct ViewQuality {
-  double psnr = 0;  ///< in dB
-  double ssim = 0;
-};
+/// Of a view, compared with what it should show.
+using ViewQuality = ImageDifference;
 
 struct Evaluation {
   std::vector<ViewQuality> views;

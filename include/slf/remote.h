@@ -19,6 +19,8 @@
 
 namespace slf {
 
+class HttpSource;  // internal
+
 struct RemoteOptions {
   unsigned parallel = 6;      ///< requests at once, at least 1
   unsigned attempts = 5;      ///< for each request, at least 1; the pauses between them double
@@ -61,10 +63,9 @@ class RemoteField {
   [[nodiscard]] RemoteTraffic traffic() const;
 
  private:
-  struct State;
-  RemoteField(std::shared_ptr<const State> state, Field field)
-      : state_(std::move(state)), field_(std::move(field)) {}
-  std::shared_ptr<const State> state_;
+  RemoteField(std::shared_ptr<const HttpSource> source, Field field)
+      : source_(std::move(source)), field_(std::move(field)) {}
+  std::shared_ptr<const HttpSource> source_;
   Field field_;
 };
 

@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cstdint>
+#include <string_view>
 #include <vector>
 
 #include "base/bytes.h"
@@ -25,6 +26,9 @@ class Cursor {
 
   /// Moves to the first entry with key >= `key`. An empty key selects the first entry of the tree.
   [[nodiscard]] Result<bool> seek(ByteSpan key);
+
+  /// Moves to the entry with this key. False: there is none.
+  [[nodiscard]] Result<bool> find(std::string_view key);
 
   /// Moves to the last entry with key < `key`. Do not call next() afterwards.
   [[nodiscard]] Result<bool> seek_before(ByteSpan key);

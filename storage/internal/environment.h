@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <functional>
+#include <memory>
 #include <span>
 #include <string>
 #include <vector>
@@ -26,16 +27,16 @@ struct Put {
   bool append = false;  ///< fail unless the key is above all others of the tree
 };
 
-/// Thread-safety: none.
+/// Not movable. Thread-safety: none.
 class Environment {
  public:
   /// Opens a container for writing; turns an empty file into a container. `path` is for messages.
   /// REQUIRES: `descriptor` is open to write, and the caller holds the writer's lock on it and has
   /// checked the pages.
-  [[nodiscard]] static Result<Environment> open(const std::string& path, int descriptor);
-
-  Environment(Environment&& other) noexcept;
-  Environment& operator=(Environment&& other) noexcept;
+  [[nodiscard]] static Result<std::unique_ptr<Environment>> open(const std::string& path,
+                                                                 int descriptor);
+  Environment(const Environment&) = delete;
+  Environment& operator=(const Environment&) = delete;
   ~Environment();
 
   /// The last committed transaction.
@@ -57,9 +58,15 @@ class Environment {
   [[nodiscard]] Result<void> allow_reuse();
 
  private:
-  Environment() = default;
+  explicit Environment(const std::string& path) : path_(path) {}
 
   void guard();
+  /// The length of the file, and that of its pages.
+  struct Length {
+    int file;
+    std::uint64_t bytes, needed;
+  };
+  [[nodiscard]] Result<Length> length() const;
   [[nodiscard]] Result<void> check_length() const;
   [[nodiscard]] int try_put(std::span<const Put> puts);
   [[nodiscard]] Result<void> grow();

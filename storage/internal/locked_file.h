@@ -20,12 +20,10 @@
 #include <string>
 #include <utility>
 
+#include "base/file.h"
 #include "slf/error.h"
 
 namespace slf::storage::internal {
-
-/// Whether a descriptor and a path refer to the same file.
-[[nodiscard]] bool is_file(int descriptor, const std::string& path);
 
 /// Thread-safety: const members from any thread.
 class LockedFile {
@@ -36,16 +34,10 @@ class LockedFile {
   [[nodiscard]] static Result<LockedFile> open(const std::string& path, Access access);
 
   LockedFile() = default;
-  /// Takes a descriptor, which is open to read and write, or -1.
-  explicit LockedFile(int descriptor) : file_(descriptor) {}
-  LockedFile(LockedFile&& other) noexcept : file_(std::exchange(other.file_, -1)) {}
-  LockedFile& operator=(LockedFile&& other) noexcept {
-    std::swap(file_, other.file_);
-    return *this;
-  }
-  ~LockedFile();
+  /// `file` is open to read and write.
+  explicit LockedFile(Descriptor file) : file_(std::move(file)) {}
 
-  [[nodiscard]] int descriptor() const { return file_; }
+  [[nodiscard]] int descriptor() const { return file_.get(); }
 
   /// In bytes. io: the system does not report it.
   [[nodiscard]] Result<std::uint64_t> size(const std::string& path) const;
@@ -65,7 +57,7 @@ class LockedFile {
   [[nodiscard]] bool pinned_before(std::uint64_t transaction) const;
 
  private:
-  int file_ = -1;
+  Descriptor file_;
 };
 
 }  // namespace slf::storage::internal

@@ -10,8 +10,8 @@
 
 #include <atomic>
 #include <cstdint>
+#include <memory>
 #include <string>
-#include <utility>
 
 #include "base/bytes.h"
 #include "slf/error.h"
@@ -34,12 +34,6 @@ class GuardedRange {
  public:
   GuardedRange() = default;
   explicit GuardedRange(ByteSpan mapped);
-  GuardedRange(GuardedRange&& other) noexcept { *this = std::move(other); }
-  GuardedRange& operator=(GuardedRange&& other) noexcept {
-    std::swap(slot_, other.slot_);
-    return *this;
-  }
-  ~GuardedRange();
 
   /// Whether an access hit a missing or unreadable page: bytes read since then may be zeros.
   [[nodiscard]] bool changed() const {
@@ -47,13 +41,16 @@ class GuardedRange {
   }
 
  private:
-  MapSlot* slot_ = nullptr;
+  struct Release {
+    void operator()(MapSlot* slot) const;
+  };
+  std::unique_ptr<MapSlot, Release> slot_;
 };
 
 /// The cause of a fault in a map of a file that has kept its length.
 inline constexpr const char* kUnreadablePage = "cannot be read: the disk reports an error";
 
-/// Thread-safety: const members from any thread.
+/// Move-only. Thread-safety: const members from any thread.
 class MappedFile {
  public:
   /// Maps the first `bytes` bytes of `file`, which must stay open, for random access (no
@@ -61,25 +58,22 @@ class MappedFile {
   [[nodiscard]] static Result<MappedFile> map(int file, std::size_t bytes, const std::string& path);
 
   MappedFile() = default;
-  MappedFile(MappedFile&& other) noexcept { *this = std::move(other); }
-  MappedFile& operator=(MappedFile&& other) noexcept {
-    std::swap(file_, other.file_);
-    std::swap(guard_, other.guard_);
-    std::swap(bytes_, other.bytes_);
-    return *this;
-  }
-  ~MappedFile();
 
-  [[nodiscard]] ByteSpan bytes() const { return bytes_; }
+  [[nodiscard]] ByteSpan bytes() const { return {map_.get(), map_.get_deleter().bytes}; }
 
   /// io, bad_file: GuardedRange::changed(), because the disk failed or because the file has become
   /// shorter.
   [[nodiscard]] Result<void> unchanged(const std::string& path) const;
 
  private:
+  struct Unmap {
+    std::size_t bytes;
+    void operator()(std::byte* map) const;
+  };
+
   int file_ = -1;
-  GuardedRange guard_;
-  ByteSpan bytes_;
+  std::unique_ptr<std::byte, Unmap> map_;
+  GuardedRange guard_;  // ends before the map
 };
 
 }  // namespace slf::storage::internal

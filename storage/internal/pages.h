@@ -48,7 +48,6 @@ struct Tree {
 
 /// The content of a meta page.
 struct Meta {
-  std::uint32_t page_size = 0;
   std::uint64_t last_page = 0;
   std::uint64_t transaction = 0;
   Tree free_list;
@@ -61,6 +60,10 @@ struct Meta {
 
 /// The same from the start of a file: the bytes of both pages, or fewer if the file is shorter.
 [[nodiscard]] Result<Meta> parse_metas(ByteSpan start, const std::string& path);
+
+/// bad_file: a file of `size` bytes is too short for these pages.
+[[nodiscard]] Result<void> check_length(const Meta& meta, std::uint64_t size,
+                                        const std::string& path);
 
 /// One entry of a branch or leaf page.
 struct Node {
@@ -130,12 +133,12 @@ class Pages {
 
   /// Where the value of a leaf node in overflow pages begins in the file.
   [[nodiscard]] std::uint64_t value_offset(const Node& node) const {
-    return node.child * meta_.page_size + kPageHeader;
+    return node.child * kPageSize + kPageHeader;
   }
 
   /// How many pages an overflow value of `size` bytes needs.
-  [[nodiscard]] std::uint64_t overflow_pages(std::uint64_t size) const {
-    return (kPageHeader + size + meta_.page_size - 1) / meta_.page_size;
+  [[nodiscard]] static std::uint64_t overflow_pages(std::uint64_t size) {
+    return (kPageHeader + size + kPageSize - 1) / kPageSize;
   }
 
   /// A bad_file error about one page.

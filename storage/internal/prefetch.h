@@ -28,14 +28,10 @@ class Advice {
   void apply(int advice);
 
  private:
-  struct Range {
-    std::uintptr_t begin = 0;
-    std::uintptr_t end = 0;
-  };
   void expect();
 
   const Pages& pages_;
-  std::vector<Range> ranges_;
+  std::vector<FileRange> ranges_;  // addresses
 };
 
 /// The bytes of a record that hold its header and table, estimated from the leaf alone; the whole

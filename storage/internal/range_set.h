@@ -28,7 +28,7 @@ class RangeSet {
 /// `max_ranges` ranges remain, the smallest other gaps are filled, too, but none of more than
 /// `widest` bytes.
 [[nodiscard]] std::vector<FileRange> merged(std::vector<FileRange> ranges, std::uint64_t gap,
-                                            std::size_t max_ranges,
+                                            std::size_t max_ranges = ~std::size_t{0},
                                             std::uint64_t widest = ~std::uint64_t{0});
 
 }  // namespace slf::storage::internal

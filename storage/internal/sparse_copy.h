@@ -12,6 +12,7 @@
 #include <span>
 #include <vector>
 
+#include "base/file.h"
 #include "storage/internal/byte_source.h"
 #include "storage/internal/mapped_file.h"
 #include "storage/internal/range_set.h"
@@ -25,7 +26,6 @@ class SparseCopy final : public ByteSource {
   /// io: the temporary file cannot be created.
   [[nodiscard]] static Result<std::unique_ptr<SparseCopy>> make(
       std::shared_ptr<RangeSource> source);
-  ~SparseCopy() override;
 
   /// The map; bytes that were not fetched read as zeros.
   [[nodiscard]] ByteSpan file() const override { return map_.bytes(); }
@@ -54,7 +54,7 @@ class SparseCopy final : public ByteSource {
   [[nodiscard]] Result<void> load(std::span<const FileRange> ranges) const;
 
   std::shared_ptr<RangeSource> source_;
-  int file_ = -1;
+  Descriptor file_;
   MappedFile map_;
   mutable std::mutex mutex_;
   mutable std::condition_variable fetched_;

@@ -62,12 +62,5 @@ TEST(Bytes, AppendGrowsByTheSizeOfTheNumber) {
   EXPECT_EQ(all, bytes({9, 1, 2, 3}));
 }
 
-TEST(Bytes, AsBytesSeesTheSameMemory) {
-  const std::array<std::uint16_t, 3> values{1, 2, 3};
-  const ByteSpan seen = as_bytes(std::span(values));
-  EXPECT_EQ(seen.size(), 6u);
-  EXPECT_EQ(static_cast<const void*>(seen.data()), static_cast<const void*>(values.data()));
-}
-
 }  // namespace
 }  // namespace slf

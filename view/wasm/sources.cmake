@@ -2,12 +2,12 @@
 # tests/portable runs on other processors.
 set(SLF_PORTABLE_SOURCES
   storage/pages.cc storage/trees.cc storage/cursor.cc storage/record.cc storage/container.cc
-  storage/ranged_store.cc storage/file_index.cc
+  storage/ranged_store.cc storage/range_set.cc storage/file_index.cc
   codec/codec.cc codec/raw_codec.cc
   codec/zstd_codec.cc codec/byte_streams.cc codec/lane_samples.cc
   codec/lanes.cc codec/linear_fit.cc codec/portable/zstd_frame.cc
   codec/jpeg_codec.cc codec/jpeg_alpha.cc codec/jpeg_encode.cc codec/jpeg_pictures.cc
-  codec/jpeg_tables.cc codec/fill.cc codec/mosaic.cc codec/premultiply.cc codec/color_difference.cc
+  codec/jpeg_tables.cc codec/fill.cc codec/mosaic.cc codec/color_kernel.cc
   codec/portable/jpeg_decode.cc
   codec/predictive.cc codec/predictive_channels.cc codec/predictive_codec.cc
   codec/predictive_tables.cc codec/log_colors.cc codec/rans.cc codec/dct.cc

@@ -109,16 +109,18 @@ class Definition {
            {}};
     if (tap.weight <= 0) return;
     const auto pin = cache_.load(key);
-    if (!pin || !pin->page().color) return;
-    const TilePage& page = pin->page();
+    if (!pin || pin->samples().empty()) return;
+    const std::byte* const colors = pin->samples().data();
+    const std::byte* const depths =
+        colors + geometry_.tile(row.section, SampleFormat::rgba8).color_bytes();
     for (std::size_t e = 0; e < 3; ++e) {
       const std::size_t sample =
           std::size_t{row.row} * triangle_size(geometry_.exit_side()) + exit.columns[e];
       for (int channel = 0; channel < 4; ++channel)
-        tap.rgba[e][channel] = std::to_integer<int>(page.color[4 * sample + channel]) / 255.0;
-      tap.depth[e] = std::to_integer<int>(page.depth[sample]) / 255.0;
+        tap.rgba[e][channel] = std::to_integer<int>(colors[4 * sample + channel]) / 255.0;
+      tap.depth[e] = std::to_integer<int>(depths[sample]) / 255.0;
     }
-    take_next(tap, row.row, exit.columns, page.color);
+    take_next(tap, row.row, exit.columns, colors);
   }
 
   void take_next(Tap& tap, std::uint32_t row, const std::array<std::uint32_t, 3>& columns,

@@ -1,4 +1,4 @@
-#include "codec/premultiply.h"
+#include "codec/color_kernel.h"
 
 #include <gtest/gtest.h>
 

@@ -1,7 +1,7 @@
-#include "codec/color_difference.h"
+#include "codec/color_kernel.h"
 
 #undef HWY_TARGET_INCLUDE
-#define HWY_TARGET_INCLUDE "codec/color_difference.cc"
+#define HWY_TARGET_INCLUDE "codec/color_kernel.cc"
 #include <hwy/foreach_target.h>  // compiles this file once per instruction set
 #include <hwy/highway.h>
 
@@ -12,12 +12,40 @@ namespace {
 
 namespace hn = hwy::HWY_NAMESPACE;
 
-/// Adds the differences of as many pixels as `d` has lanes.
+/// Calls use(d, k) for the pixels from `k` on, as many as `d` has lanes.
+template <class Use>
+HWY_INLINE void for_vectors(std::size_t count, Use use) {
+  const hn::ScalableTag<std::uint32_t> d;
+  std::size_t k = 0;
+  for (; k + hn::Lanes(d) <= count; k += hn::Lanes(d)) use(d, k);
+  for (; k < count; ++k) use(hn::CappedTag<std::uint32_t, 1>(), k);
+}
+
+/// Multiplies two channels at a time, each in 16 bits.
 template <class D>
-HWY_INLINE void add(D d, const std::int16_t* const difference[3], std::size_t k,
+HWY_INLINE void multiply(D d, std::uint32_t* pixels, const std::uint8_t* alpha) {
+  const hn::Rebind<std::uint8_t, D> narrow;
+  const auto low = hn::Set(d, 0x00FF00FF), half = hn::Set(d, 0x00800080);
+  const auto a = hn::PromoteTo(d, hn::LoadU(narrow, alpha));
+  const auto scaled = [&](auto two) {
+    const auto product = hn::Add(hn::Mul(two, a), half);
+    return hn::Add(product, hn::And(hn::ShiftRight<8>(product), low));
+  };
+  const auto pixel = hn::LoadU(d, pixels);
+  const auto red_blue = hn::And(hn::ShiftRight<8>(scaled(hn::And(pixel, low))), low);
+  const auto green_alpha = hn::AndNot(low, scaled(hn::And(hn::ShiftRight<8>(pixel), low)));
+  hn::StoreU(hn::Or(red_blue, green_alpha), d, pixels);
+}
+
+void premultiply_any(std::uint32_t* pixels, const std::uint8_t* alpha, std::size_t count) {
+  for_vectors(count, [&](auto d, std::size_t k) { multiply(d, pixels + k, alpha + k); });
+}
+
+template <class D>
+HWY_INLINE void add(D du, const std::int16_t* const difference[3], std::size_t k,
                     std::uint32_t* pixels) {
+  const hn::RebindToSigned<D> d;
   const hn::Rebind<std::int16_t, D> narrow;
-  const hn::RebindToUnsigned<D> du;
   const auto load = [&](std::size_t c) {
     return hn::PromoteTo(d, hn::LoadU(narrow, difference[c] + k));
   };
@@ -43,10 +71,7 @@ HWY_INLINE void add(D d, const std::int16_t* const difference[3], std::size_t k,
 
 void add_differences_any(const std::int16_t* const difference[3], std::size_t count,
                          std::uint32_t* pixels) {
-  const hn::ScalableTag<std::int32_t> d;
-  std::size_t k = 0;
-  for (; k + hn::Lanes(d) <= count; k += hn::Lanes(d)) add(d, difference, k, pixels);
-  for (; k < count; ++k) add(hn::CappedTag<std::int32_t, 1>(), difference, k, pixels);
+  for_vectors(count, [&](auto d, std::size_t k) { add(d, difference, k, pixels); });
 }
 
 }  // namespace
@@ -57,7 +82,12 @@ HWY_AFTER_NAMESPACE();
 #if HWY_ONCE
 namespace slf::codec {
 
+HWY_EXPORT(premultiply_any);
 HWY_EXPORT(add_differences_any);
+
+void premultiply(std::span<std::uint32_t> pixels, std::span<const std::uint8_t> alpha) {
+  HWY_DYNAMIC_DISPATCH(premultiply_any)(pixels.data(), alpha.data(), alpha.size());
+}
 
 void add_differences(const std::array<std::span<const std::int16_t>, 3>& differences,
                      std::span<std::uint32_t> pixels) {
