@@ -1,4 +1,4 @@
-// Text of files and protocols as ASCII: lower case, and without the blanks around it.
+// Text of files and protocols as ASCII: lower case, and without what is around it.
 #pragma once
 
 #include <string>
@@ -18,6 +18,11 @@ namespace slf {
   const auto first = text.find_first_not_of(blanks);
   if (first == std::string_view::npos) return {};
   return text.substr(first, text.find_last_not_of(blanks) - first + 1);
+}
+
+/// Without the mark that some programs begin UTF-8 with.
+[[nodiscard]] inline std::string_view without_byte_order_mark(std::string_view text) {
+  return text.substr(text.starts_with("\xef\xbb\xbf") ? 3 : 0);
 }
 
 }  // namespace slf

@@ -102,15 +102,13 @@ CLI::Option* add_no_depth(CLI::App& command, bool& depth, const std::string& hel
       "--no-depth", [&depth] { depth = false; }, help);
 }
 
+CLI::Option* of_numbers(CLI::Option* option, int count, char delimiter) {
+  return option->delimiter(delimiter)->type_size(count)->expected(1)->allow_extra_args(false);
+}
+
 CLI::Option* add_vector(CLI::App& command, const std::string& name, std::vector<double>& vector,
                         const std::string& help) {
-  return command.add_option(name, vector, help)
-      ->delimiter(',')
-      ->type_size(3)
-      ->expected(1)
-      ->allow_extra_args(false)
-      ->check(kPlace)
-      ->type_name(kVector);
+  return of_numbers(command.add_option(name, vector, help), 3)->check(kPlace)->type_name(kVector);
 }
 
 glm::dvec3 to_vector(const std::vector<double>& numbers) {
@@ -147,6 +145,12 @@ CLI::Option* of_pixels(CLI::Option* option) {
       ->check(reads<PixelSize>(
           fmt::format("a width and a height of 1 to {} pixels, as 640x480, or one", kMaxPixels)))
       ->type_name("WIDTHxHEIGHT");
+}
+
+CLI::Option* add_size(CLI::App& command, PixelSize& size) {
+  return of_pixels(
+             command.add_option("--size", size, "Picture size in pixels; one number for a square"))
+      ->default_str(to_string(size));
 }
 
 std::string to_string(const PixelSize& size) {
@@ -231,11 +235,7 @@ CLI::Option* add_orbit(CLI::App& command, std::vector<double>& orbit, const std:
   CLI::Validator distance = number([](double v) { return v > 0 && v <= kMaxDistance; },
                                    "a distance above 0, at most 1e6, in sphere radii");
   distance.application_index(2);
-  return command.add_option("--orbit", orbit, help)
-      ->delimiter(',')
-      ->type_size(3)
-      ->expected(1)
-      ->allow_extra_args(false)
+  return of_numbers(command.add_option("--orbit", orbit, help), 3)
       ->check(distance)
       ->check(kPlace)
       ->type_name("AZ,EL,DIST")
@@ -253,8 +253,7 @@ void CameraArguments::add_to(CLI::App& command) {
   add_vector(command, "--up", up, "Direction that is up in the picture; default: 0,0,1");
   add_number(command, "--fov", fov, "Vertical field of view in degrees; default: fits the sphere",
              number([](double v) { return v > 0 && v < 180; }, "degrees above 0 and below 180"));
-  of_pixels(command.add_option("--size", size, "Picture size in pixels; one number for a square"))
-      ->default_str(to_string(size));
+  add_size(command, size);
 }
 
 Result<Camera> CameraArguments::camera(const Sphere& sphere) const {

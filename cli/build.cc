@@ -69,80 +69,57 @@ void add_build(CLI::App& app, Run& run) {
   a->source.add_volume_to(*command, "INPUT");
   a->source.add_light_to(*command);
   a->source.add_pictures_to(*command);
-  command->add_option("-o,--output", a->output, "The field to write")
-      ->type_name(kFieldFile)
-      ->required();
+  add_file(*command, "-o,--output", a->output, "The field to write", kFieldFile)->required();
   command->add_flag("-f,--force", a->force, "Replace the output, once the new field is complete");
-  command
-      ->add_option(
-          "--states", a->states,
-          "Build several states of the object into one field: a JSON file of their names\n"
-          "and options, as {\"states\": [{\"name\": \"bone\", \"transfer\": \"ct-bone\"},\n"
-          "{\"name\": \"skin\", \"transfer\": \"ct-skin\"}]}")
-      ->type_name(kAnyFile);
+  add_file(*command, "--states", a->states,
+           "Build several states of the object into one field: a JSON file of their names\n"
+           "and options, as {\"states\": [{\"name\": \"bone\", \"transfer\": \"ct-bone\"},\n"
+           "{\"name\": \"skin\", \"transfer\": \"ct-skin\"}]}");
   command
       ->add_flag("--each-label", a->each_label,
                  "Build a state of each structure of a label volume, to be drawn together, or\n"
                  "some of them: labels of one name in --label-table are one structure. Light is\n"
                  "that of all: what is hidden keeps its shadows")
       ->excludes("--states");
-  const char* group = "Field";
   auto& shape = a->build.shape;
-  command
-      ->add_option("--entry", shape.entry_side,
-                   "Entry lattice at level 0: cells along an octsphere's edge")
-      ->group(group)
-      ->capture_default_str();
-  command->add_option("--exit", shape.exit_side, "Exit lattice at level 0")
-      ->group(group)
-      ->capture_default_str();
-  command
-      ->add_option("--levels", shape.levels,
-                   "Subdivisions: tiles at levels 0 to this; each\n"
-                   "doubles both lattices")
-      ->group(group)
-      ->capture_default_str();
-  auto* extra =
-      command
-          ->add_option(
-              "--entry-extra-levels", shape.entry_extra_levels,
-              "How many levels further than the exit side the entry side is split into tiles")
-          ->group(group)
-          ->capture_default_str();
+  const CLI::Option* extra = nullptr;
+  {
+    const OptionGroup group(*command, "Field");
+    command->add_option("--entry", shape.entry_side,
+                        "Entry lattice at level 0: cells along an octsphere's edge");
+    command->add_option("--exit", shape.exit_side, "Exit lattice at level 0");
+    command->add_option("--levels", shape.levels,
+                        "Subdivisions: tiles at levels 0 to this; each\n"
+                        "doubles both lattices");
+    extra = command->add_option(
+        "--entry-extra-levels", shape.entry_extra_levels,
+        "How many levels further than the exit side the entry side is split into tiles");
+    command
+        ->add_option("--codec", a->build.codec,
+                     "predictive:QUALITY, predictive:lossless, jpeg:QUALITY[:444],\n"
+                     "zstd[:LEVEL] or raw")
+        ->type_name(kCodec);
+    add_no_depth(*command, a->build.depth, "Colours alone, without depths; not with predictive");
+    choose(command->add_option("--color-type", a->build.half,
+                               "u8, or half: HDR colour, which JPEG cannot store"),
+           Choices<bool>{{"u8", false}, {"half", true}})
+        ->default_str("u8");
+    add_vector(*command, "--center", a->center,
+               "Centre of the sphere in world coordinates;\n"
+               "default: around what is visible");
+    add_number(*command, "--radius", a->radius,
+               "Radius of the sphere in world units; default: around\n"
+               "what is visible",
+               kLength);
+  }
   // The option's name up to version 0.1. excludes() would leave its trace in --help: "Excludes:",
   // followed by the name of a hidden option, which is empty.
   auto* former = command->add_option("--entry-depth", shape.entry_extra_levels)->group("");
-  command
-      ->add_option("--codec", a->build.codec,
-                   "predictive:QUALITY, predictive:lossless, jpeg:QUALITY[:444],\n"
-                   "zstd[:LEVEL] or raw")
-      ->type_name(kCodec)
-      ->group(group)
-      ->capture_default_str();
-  add_no_depth(*command, a->build.depth, "Colours alone, without depths; not with predictive")
-      ->group(group);
-  choose(command->add_option("--color-type", a->build.half,
-                             "u8, or half: HDR colour, which JPEG cannot store"),
-         Choices<bool>{{"u8", false}, {"half", true}})
-      ->group(group)
-      ->default_str("u8");
-  add_vector(*command, "--center", a->center,
-             "Centre of the sphere in world coordinates;\n"
-             "default: around what is visible")
-      ->group(group);
-  command
-      ->add_option("--radius", a->radius,
-                   "Radius of the sphere in world units; default: around\n"
-                   "what is visible")
-      ->check(kLength)
-      ->group(group);
   a->shard.add_to(*command);
   add_threads(*command, a->build.threads);
-  command
-      ->add_option("--commit-every", a->build.commit_seconds,
-                   "Seconds between commits; killing the build loses at most this much work")
-      ->check(kNotNegative)
-      ->capture_default_str();
+  add_number(*command, "--commit-every", a->build.commit_seconds,
+             "Seconds between commits; killing the build loses at most this much work",
+             kNotNegative);
   command->callback([a, extra, former, &run] {
     if (extra->count() > 0 && former->count() > 0)
       throw CLI::ExcludesError("--entry-depth", extra->get_name());

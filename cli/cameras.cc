@@ -64,16 +64,13 @@ Result<void> run_cameras(const CamerasArguments& a) {
 }  // namespace
 
 void add_cameras(CLI::App& app, Run& run) {
-  auto* command = app.add_subcommand(
-      "cameras", "Cameras around an object, as transforms.json, for any renderer to fill in");
-  auto a = std::make_shared<CamerasArguments>();
+  const auto [command, a] = add_command(
+      app, run, "cameras",
+      "Cameras around an object, as transforms.json, for any renderer to fill in", run_cameras);
   a->source.add_volume_to(*command, "INPUT");
   command->get_option("INPUT")->required(false)->description(
       "Field, volume or mesh to surround with cameras; or --sphere");
-  command->add_option("--sphere", a->sphere, "Centre and radius, in world units")
-      ->delimiter(',')
-      ->type_size(4)
-      ->expected(1)
+  of_numbers(command->add_option("--sphere", a->sphere, "Centre and radius, in world units"), 4)
       ->check(kPlace)
       ->type_name("X,Y,Z,R");
   add_number(*command, "--count", a->count, "Number of cameras, evenly spread", from_to(1, 100000));
@@ -81,12 +78,9 @@ void add_cameras(CLI::App& app, Run& run) {
              "Also write this many cameras in other directions to *_test.json", from_to(0, 100000));
   add_number(*command, "--distance", a->distance, "Eyes' distance from the centre, in sphere radii",
              above(1, 1e6));
-  of_pixels(
-      command->add_option("--size", a->size, "Picture size in pixels; one number for a square"))
-      ->default_str(to_string(a->size));
+  add_size(*command, a->size);
   add_file(*command, "-o,--output", a->output, "The file to write, as transforms.json")->required();
   command->add_flag("-f,--force", a->force, "Overwrite the file");
-  command->callback([a, &run] { run = [a] { return run_cameras(*a); }; });
 }
 
 }  // namespace slf::cli

@@ -254,6 +254,8 @@ CLI::Option* add_no_depth(CLI::App& command, bool& depth, const std::string& hel
 /// Adds an option for a number of bytes: "64MiB", "1.5G", "4096".
 CLI::Option* add_bytes(CLI::App& command, const std::string& name, std::uint64_t& bytes,
                        const std::string& help);
+/// Makes an option take so many numbers, with `delimiter` between them.
+CLI::Option* of_numbers(CLI::Option* option, int count, char delimiter = ',');
 /// Adds an option for three coordinates, "x,y,z". `vector` stays empty if it is not given.
 CLI::Option* add_vector(CLI::App& command, const std::string& name, std::vector<double>& vector,
                         const std::string& help);
@@ -269,6 +271,8 @@ struct PixelSize {
 std::istream& operator>>(std::istream& in, PixelSize& size);
 /// Makes an option take sizes, and name their bounds when it refuses one.
 CLI::Option* of_pixels(CLI::Option* option);
+/// Adds --size.
+CLI::Option* add_size(CLI::App& command, PixelSize& size);
 [[nodiscard]] std::string to_string(const PixelSize& size);
 
 /// A range of levels of the tile pyramid, both ends inclusive: "2", "0-1".
@@ -332,6 +336,18 @@ struct SourceArguments : SceneDescription {
  private:
   RawLayout raw;  // its dims are 0 if --dims is not given
 };
+
+/// Makes `work` with its arguments what the command runs. Returns the command, and the arguments,
+/// to which its options write.
+template <class Arguments>
+std::pair<CLI::App*, std::shared_ptr<Arguments>> add_command(
+    CLI::App& app, Run& run, const std::string& name, const std::string& help,
+    Result<void> (*work)(const Arguments&)) {
+  CLI::App* const command = app.add_subcommand(name, help);
+  auto arguments = std::make_shared<Arguments>();
+  command->callback([&run, arguments, work] { run = [=] { return work(*arguments); }; });
+  return {command, std::move(arguments)};
+}
 
 /// "see --mask" and the like, for the member of SceneDescription or BuildOptions of this name.
 [[nodiscard]] std::string hint_of(std::string_view choice);

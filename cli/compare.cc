@@ -40,9 +40,8 @@ Result<void> run_compare(const CompareArguments& arguments) {
 }  // namespace
 
 void add_compare(CLI::App& app, Run& run) {
-  auto* command =
-      app.add_subcommand("compare", "PSNR and SSIM of two pictures, and their difference");
-  auto a = std::make_shared<CompareArguments>();
+  const auto [command, a] = add_command(
+      app, run, "compare", "PSNR and SSIM of two pictures, and their difference", run_compare);
   command->footer("\nAn example:\n  slf compare view.png truth.png --diff difference.png\n" +
                   command->get_footer());
   add_file(*command, "A", a->a, "Picture")->required();
@@ -54,7 +53,6 @@ void add_compare(CLI::App& app, Run& run) {
              kNotNegative);
   command->add_flag("-f,--force", a->force, "Overwrite the difference picture");
   command->add_flag("--json", a->json, "JSON on stdout");
-  command->callback([a, &run] { run = [a] { return run_compare(*a); }; });
 }
 
 }  // namespace slf::cli

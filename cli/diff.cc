@@ -71,8 +71,8 @@ Result<void> run_diff(const DiffArguments& arguments) {
 }  // namespace
 
 void add_diff(CLI::App& app, Run& run) {
-  auto* command = app.add_subcommand("diff", "Compare two fields: manifest, tiles, samples");
-  auto a = std::make_shared<DiffArguments>();
+  const auto [command, a] =
+      add_command(app, run, "diff", "Compare two fields: manifest, tiles, samples", run_diff);
   add_file(*command, "A", a->a.path, "Field", kFieldFile)->required();
   add_file(*command, "B", a->b.path, "Field", kFieldFile)->required();
   add_number(*command, "--min-psnr", a->min_psnr,
@@ -83,7 +83,6 @@ void add_diff(CLI::App& app, Run& run) {
   add_state(*command, "--state-b", a->b.state, "The state of B");
   add_threads(*command, a->diff.threads);
   command->add_flag("--json", a->json, "JSON on stdout");
-  command->callback([a, &run] { run = [a] { return run_diff(*a); }; });
 }
 
 }  // namespace slf::cli

@@ -3,6 +3,7 @@
 #include <filesystem>
 #include <numbers>
 
+#include "base/join.h"
 #include "base/try.h"
 #include "cli/command.h"
 #include "field/field_file.h"
@@ -246,10 +247,7 @@ Result<void> print_pictures(const SourceArguments& source, bool json) {
     return {};
   }
   const auto list = [](const std::map<std::string, int>& counts) {
-    std::string text;
-    for (const auto& [what, count] : counts)
-      text += fmt::format("{}{} {}", text.empty() ? "" : ", ", count, what);
-    return text;
+    return joined(counts, ", ", [](const auto& of) { return concat(of.second, " ", of.first); });
   };
   print("{}: {} pictures with cameras\n", set.source, set.pictures.size());
   print("sizes   {}\n", list(sizes));
@@ -320,9 +318,9 @@ Result<void> run_info(const InfoArguments& arguments) {
 }  // namespace
 
 void add_info(CLI::App& app, Run& run) {
-  auto* command = app.add_subcommand(
-      "info", "What a field (.slf), pictures, a mesh or a volume (anything else) holds");
-  auto a = std::make_shared<InfoArguments>();
+  const auto [command, a] = add_command(
+      app, run, "info", "What a field (.slf), pictures, a mesh or a volume (anything else) holds",
+      run_info);
   add_file(*command, "INPUT", a->source.input,
            std::string("Field: .slf\nPictures with cameras: pictures:FOLDER or pictures:JSON\n") +
                kVolumeHelp + "\n" + kMeshHelp)
@@ -331,7 +329,6 @@ void add_info(CLI::App& app, Run& run) {
   a->source.add_raw_to(*command);
   a->source.add_mesh_to(*command);
   command->add_flag("--json", a->json, "JSON on stdout");
-  command->callback([a, &run] { run = [a] { return run_info(*a); }; });
 }
 
 }  // namespace slf::cli

@@ -31,7 +31,7 @@ Result<void> run_ls(const LsArguments& a) {
   if (a.levels) filter.first_level = a.levels->first, filter.last_level = a.levels->last;
   // Prints the array while tiles are read, so memory does not depend on its length.
   const char* before = "[\n";
-  auto listed = list_tiles(field, filter, [&](const ListedTile& tile) -> Result<void> {
+  SLF_TRY(list_tiles(field, filter, [&](const ListedTile& tile) -> Result<void> {
     if (a.json) {
       print_text(before + tile_json(tile));
       before = ",\n";
@@ -41,8 +41,7 @@ Result<void> run_ls(const LsArguments& a) {
     }
     if (std::ferror(stdout) != 0) return fail(ErrorCode::io, "stdout: cannot write");
     return {};
-  });
-  if (!listed) return listed;
+  }));
   if (a.json) print_text(before[0] == '[' ? "[]\n" : "\n]\n");
   return {};
 }
@@ -50,19 +49,18 @@ Result<void> run_ls(const LsArguments& a) {
 }  // namespace
 
 void add_ls(CLI::App& app, Run& run) {
-  auto* command = app.add_subcommand("ls", "List the tiles of a field, for other tools to read");
+  const auto [command, a] =
+      add_command(app, run, "ls", "List the tiles of a field, for other tools to read", run_ls);
   command->footer(R"(
 A line has six columns, separated by tabs: LEVEL/ENTRY/EXIT, its state (stored, empty, missing, or
 same: as in an earlier state of the object, whose payload it shares), the bytes of its payload, where
 they begin in the file, the tile's index within the level, and its subfield. Lines are in the order
 of levels and indexes.)");
-  auto a = std::make_shared<LsArguments>();
   a->field.add_to(*command, "Field to list");
   add_levels(*command, "--level", a->levels, "Only tiles of these levels");
   add_subfields(*command, a->subfields, "Only tiles of these level-0 subfields");
   command->add_flag("--missing", a->filter.missing, "Also tiles that the field lacks");
   command->add_flag("--json", a->json, "JSON on stdout");
-  command->callback([a, &run] { run = [a] { return run_ls(*a); }; });
 }
 
 }  // namespace slf::cli

@@ -24,7 +24,6 @@ struct ViewsArguments {
 constexpr unsigned kAllLevels = DrawArguments::kFinest - 1;
 const CLI::Validator kDistance = above(1, 1e6);
 constexpr const char* kDistanceHelp = "Eye's distance from the centre, in sphere radii";
-constexpr const char* kSizeHelp = "Picture size in pixels; one number for a square";
 
 nlohmann::json mean_and_max_json(const MeanAndMax& s) { return {{"mean", s.mean}, {"max", s.max}}; }
 
@@ -259,9 +258,9 @@ Result<void> run_evaluate(const EvaluateArguments& a) {
 }  // namespace
 
 void add_measure(CLI::App& app, Run& run) {
-  auto* command = app.add_subcommand(
-      "measure", "Memory per view: tiles, bytes, pages, the kernel's own count, peaks");
-  auto a = std::make_shared<MeasureArguments>();
+  const auto [command, a] = add_command(
+      app, run, "measure", "Memory per view: tiles, bytes, pages, the kernel's own count, peaks",
+      run_measure);
   add_file(*command, "FIELD", a->fields, "Fields; several are measured one by one", kFieldFile)
       ->required();
   add_state(*command, "--state", a->state, "The state of the fields to show: its name or number");
@@ -270,7 +269,8 @@ void add_measure(CLI::App& app, Run& run) {
              kDistance)
       ->delimiter(',')
       ->default_str("3");
-  of_pixels(command->add_option("--size", a->sizes, std::string(kSizeHelp) + "; or several"))
+  of_pixels(command->add_option("--size", a->sizes,
+                                "Picture size in pixels; one number for a square; or several"))
       ->delimiter(',')
       ->default_str("512x512");
   command->add_flag("--json", a->json, "JSON on stdout");
@@ -295,7 +295,6 @@ void add_measure(CLI::App& app, Run& run) {
       "pages of the file, including the search tree; kernel: pages read into memory (mincore);\n"
       "mapped: pages that this process mapped (smaps); - if the kernel keeps the file cached, as\n"
       "for a file in memory or in use by others.");
-  command->callback([a, &run] { run = [a] { return run_measure(*a); }; });
 }
 
 void add_evaluate(CLI::App& app, Run& run) {
@@ -322,7 +321,7 @@ void add_evaluate(CLI::App& app, Run& run) {
           "of 192 pixels and 192 paths, unless others are named");
   a->views.add_to(*command);
   add_number(*command, "--distance", a->distance, kDistanceHelp, kDistance);
-  of_pixels(command->add_option("--size", a->size, kSizeHelp))->default_str(to_string(a->size));
+  add_size(*command, a->size);
   add_number(*command, "--supersample", a->supersample,
              "Rays along a pixel's edge in the ground truth; above 1 it is anti-aliased, as\n"
              "small and distant views need it",

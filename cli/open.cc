@@ -8,11 +8,45 @@
 #include "slf/remote.h"
 
 namespace slf::cli {
+#ifdef SLF_REMOTE
 namespace {
 
-Result<Field> open_first_state(const std::string& path);
+/// The remote fields that were opened, for their traffic.
+std::vector<RemoteField> remote_fields;
+
+Result<Field> open_first_state(const std::string& path) {
+  if (!is_address(path)) return Field::open(path);
+  auto remote =
+      SLF_TRY(RemoteField::open(path, {}, late_progress_bar("fetch", "bytes", OnSignal::end)));
+  remote_fields.push_back(remote);
+  return remote.field();
+}
 
 }  // namespace
+
+nlohmann::json traffic_json() {
+  if (remote_fields.empty()) return {};
+  RemoteTraffic sum;
+  for (const RemoteField& field : remote_fields) {
+    const RemoteTraffic traffic = field.traffic();
+    sum.requests += traffic.requests;
+    sum.repeated += traffic.repeated;
+    sum.bytes += traffic.bytes;
+  }
+  return {{"requests", sum.requests}, {"repeated", sum.repeated}, {"bytes", sum.bytes}};
+}
+#else
+namespace {
+
+Result<Field> open_first_state(const std::string& path) {
+  if (!is_address(path)) return Field::open(path);
+  return unsupported(path, "this slf was built without libcurl and does not read fields over HTTP");
+}
+
+}  // namespace
+
+nlohmann::json traffic_json() { return {}; }
+#endif
 
 Result<Field> open_field(const std::string& path, const std::string& state) {
   const auto field = SLF_TRY(open_first_state(path));
@@ -56,45 +90,5 @@ bool is_field(const std::string& path) {
          std::ifstream(path).read(head.data(), head.size()) &&
          std::string_view(head.data() + 16, 4) == "\xDE\xC0\xEF\xBE";
 }
-
-#ifdef SLF_REMOTE
-namespace {
-
-/// The remote fields that were opened, for their traffic.
-std::vector<RemoteField> remote_fields;
-
-Result<Field> open_first_state(const std::string& path) {
-  if (!is_address(path)) return Field::open(path);
-  auto remote =
-      SLF_TRY(RemoteField::open(path, {}, late_progress_bar("fetch", "bytes", OnSignal::end)));
-  remote_fields.push_back(remote);
-  return remote.field();
-}
-
-}  // namespace
-
-nlohmann::json traffic_json() {
-  if (remote_fields.empty()) return {};
-  RemoteTraffic sum;
-  for (const RemoteField& field : remote_fields) {
-    const RemoteTraffic traffic = field.traffic();
-    sum.requests += traffic.requests;
-    sum.repeated += traffic.repeated;
-    sum.bytes += traffic.bytes;
-  }
-  return {{"requests", sum.requests}, {"repeated", sum.repeated}, {"bytes", sum.bytes}};
-}
-#else
-namespace {
-
-Result<Field> open_first_state(const std::string& path) {
-  if (!is_address(path)) return Field::open(path);
-  return unsupported(path, "this slf was built without libcurl and does not read fields over HTTP");
-}
-
-}  // namespace
-
-nlohmann::json traffic_json() { return {}; }
-#endif
 
 }  // namespace slf::cli

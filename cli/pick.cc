@@ -74,8 +74,8 @@ Result<void> run_pick(const Arguments& a) {
 }  // namespace
 
 void add_pick(CLI::App& app, Run& run) {
-  auto* command = app.add_subcommand("pick", "Print the points of the surface that a view shows");
-  auto a = std::make_shared<Arguments>();
+  const auto [command, a] =
+      add_command(app, run, "pick", "Print the points of the surface that a view shows", run_pick);
   a->field.add_to(*command, "Field to look at");
   auto* pixel = command
                     ->add_option("PIXEL", a->pixels,
@@ -86,7 +86,6 @@ void add_pick(CLI::App& app, Run& run) {
   a->camera.add_to(*command);
   a->draw.add_resources_to(*command);
   command->add_flag("--json", a->json, "JSON on stdout, one object a line for each pixel");
-  command->callback([a, &run] { run = [a] { return run_pick(*a); }; });
 }
 
 }  // namespace slf::cli

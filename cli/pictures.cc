@@ -42,9 +42,9 @@ Result<void> run_pictures(const PicturesArguments& a) {
 }  // namespace
 
 void add_pictures(CLI::App& app, Run& run) {
-  auto* command = app.add_subcommand(
-      "pictures", "Shows what is known of pictures with cameras, as a contact sheet");
-  auto a = std::make_shared<PicturesArguments>();
+  const auto [command, a] =
+      add_command(app, run, "pictures",
+                  "Shows what is known of pictures with cameras, as a contact sheet", run_pictures);
   command->add_option("WHAT", a->what, "depth: depths, and how many other pictures confirm them")
       ->check(CLI::IsMember({"depth"}))
       ->required();
@@ -62,7 +62,6 @@ void add_pictures(CLI::App& app, Run& run) {
   add_number(*command, "--radius", a->radius, "Radius of the sphere; default: found", kLength);
   a->source.add_pictures_to(*command);
   add_threads(*command, a->threads);
-  command->callback([a, &run] { run = [a] { return run_pictures(*a); }; });
 }
 
 }  // namespace slf::cli

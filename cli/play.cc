@@ -330,9 +330,9 @@ Result<void> run_play(const PlayArguments& a) {
 }  // namespace
 
 void add_play(CLI::App& app, Run& run) {
-  auto* command = app.add_subcommand(
-      "play", "Fly around a field at a steady frame rate, loading tiles ahead of the camera");
-  auto a = std::make_shared<PlayArguments>();
+  const auto [command, a] = add_command(
+      app, run, "play",
+      "Fly around a field at a steady frame rate, loading tiles ahead of the camera", run_play);
   a->field.add_to(*command, "Field to play");
   command
       ->add_option("--states", a->states,
@@ -350,9 +350,7 @@ void add_play(CLI::App& app, Run& run) {
   add_number(*command, "--turns", a->turns, "Number of turns of an orbit", from_to(-1e6, 1e6));
   add_number(*command, "--seconds", a->seconds, "Length of an orbit", above(0, 86400));
   add_number(*command, "--fps", a->fps, "Frames per second", from_to(0.01, 1000));
-  of_pixels(
-      command->add_option("--size", a->size, "Picture size in pixels; one number for a square"))
-      ->default_str(to_string(a->size));
+  add_size(*command, a->size);
   command->option_defaults()->group("Loading");
   choose(command->add_option(
              "--loading", a->loading,
@@ -373,7 +371,6 @@ void add_play(CLI::App& app, Run& run) {
   command->add_option("--preview", a->preview, "Write an animated WebP")->type_name("FILE.webp");
   command->add_flag("-f,--force", a->force, "Overwrite pictures");
   command->add_flag("--json", a->json, "Summary and every frame as JSON");
-  command->callback([a, &run] { run = [a] { return run_play(*a); }; });
 }
 
 }  // namespace slf::cli

@@ -26,10 +26,8 @@ struct PictureOutput {
              "Picture to write: .png, .jpg, or .exr (float RGBA, Z)")
         ->required();
     command.add_flag("-f,--force", force, "Overwrite the picture");
-    command.add_option("--background", background, "Colour from 0 to 1 behind the picture")
-        ->delimiter(',')
-        ->type_size(3)
-        ->expected(1)
+    of_numbers(
+        command.add_option("--background", background, "Colour from 0 to 1 behind the picture"), 3)
         ->check(from_to(0, 1))
         ->type_name("R,G,B")
         ->default_str("0,0,0");
@@ -233,9 +231,8 @@ void add_render(CLI::App& app, Run& run) {
 }
 
 void add_raycast(CLI::App& app, Run& run) {
-  auto* command =
-      app.add_subcommand("raycast", "Draw the same view straight from the volume: the truth");
-  auto a = std::make_shared<RaycastArguments>();
+  const auto [command, a] = add_command(
+      app, run, "raycast", "Draw the same view straight from the volume: the truth", run_raycast);
   a->source.add_volume_to(*command, "INPUT");
   a->source.add_light_to(*command);
   a->source.add_reference_to(*command);
@@ -253,7 +250,6 @@ void add_raycast(CLI::App& app, Run& run) {
            "Draw the pictures of all cameras in a transforms.json, as .exr with depth (Z,\n"
            "from the eye), in the folder OUTPUT");
   add_threads(*command, a->threads);
-  command->callback([a, &run] { run = [a] { return run_raycast(*a); }; });
 }
 
 }  // namespace slf::cli

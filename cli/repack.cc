@@ -45,13 +45,13 @@ Result<void> estimate(const RepackArguments& a, const Field& field, const Repack
 Result<void> split(const RepackArguments& a, std::span<const StateSource> states,
                    const RepackOptions& options) {
   if (a.output.find("{state}") == std::string::npos)
-    return fail(ErrorCode::usage, a.output, ": --split-states needs {state} in the output's name");
+    return misuse(a.output, "--split-states needs {state} in the output's name");
   std::map<std::string, std::string> written;  // the states in files
   for (const StateSource& state : states) {
     const std::string path = name_of_state(a.output, state.name);
     if (const auto [file, is_new] = written.emplace(path, state.name); !is_new)
-      return fail(ErrorCode::usage, path, ": is the file of the state '", file->second,
-                  "', and of '", state.name, "', too; choose one with --states");
+      return misuse(path, "is the file of the state '", file->second, "', and of '", state.name,
+                    "', too; choose one with --states");
     const auto report = SLF_TRY(
         repack_field(state.field, path, options, progress_bar("repack", "tiles", OnSignal::stop)));
     print("{}: {}\n", path, human_bytes(static_cast<double>(report.file_bytes)));
@@ -153,9 +153,9 @@ Result<void> run_verify(const VerifyArguments& a) {
 }  // namespace
 
 void add_repack(CLI::App& app, Run& run) {
-  auto* command = app.add_subcommand(
-      "repack", "Rewrite a field: another codec, quality, other levels; compact");
-  auto a = std::make_shared<RepackArguments>();
+  const auto [command, a] =
+      add_command(app, run, "repack",
+                  "Rewrite a field: another codec, quality, other levels; compact", run_repack);
   add_file(*command, "FIELD", a->inputs, "Field to read; not touched", kFieldFile)->required();
   auto* merge =
       command->add_flag("--merge-states", a->merge,
@@ -189,25 +189,23 @@ void add_repack(CLI::App& app, Run& run) {
   add_bytes(*command, "--memory", a->repack.memory, "Budget for tiles and records under way");
   add_threads(*command, a->repack.threads);
   command->add_flag("--json", a->json, "JSON on stdout");
-  command->callback([a, &run] { run = [a] { return run_repack(*a); }; });
 }
 
 void add_verify(CLI::App& app, Run& run) {
-  auto* command = app.add_subcommand(
-      "verify", "Check structure, counts, every checksum, and that every tile decodes");
+  const auto [command, a] = add_command(
+      app, run, "verify", "Check structure, counts, every checksum, and that every tile decodes",
+      run_verify);
   command->footer(R"(
 Findings: S1 a page is damaged, M1 manifest or tables, L1 the light volume, R1 a record, K1 a tile
 that should not be, T1 a checksum, T2 a tile does not decode, T3 a tile that it is predicted from is
 lost, C1 tiles are missing.
 Exit code 0 when all is good or only tiles are missing, 3 when something is damaged and, with
 --fix, could not be dropped (S1, M1).)");
-  auto a = std::make_shared<VerifyArguments>();
   add_file(*command, "FIELD", a->field, "Field to check", kFieldFile)->required();
   command->add_flag("--quick", a->verify.quick, "Structure and counts only");
   command->add_flag("--fix", a->verify.fix, "Drop damaged tiles, so that build can refill them");
   add_threads(*command, a->verify.threads);
   command->add_flag("--json", a->json, "JSON on stdout");
-  command->callback([a, &run] { run = [a] { return run_verify(*a); }; });
 }
 
 }  // namespace slf::cli

@@ -1,6 +1,7 @@
-// The options that describe a scene.
+// The options that describe a scene, and what they need beside their values: hints and progress.
 #include <algorithm>
 
+#include "base/join.h"
 #include "cli/command.h"
 
 namespace slf::cli {
@@ -39,18 +40,36 @@ VoxelBox parse_crop(const std::string& text) {
   throw CLI::ValidationError("--crop", text + ": expected X0:X1,Y0:Y1,Z0:Z1, as 10:200,:,50:");
 }
 
-/// Adds an option for numbers with `delimiter` between them. `set` gets so many.
-template <class T, class Set>
-CLI::Option* add_numbers(CLI::App& command, const char* name, int count, char delimiter, Set set,
-                         const std::string& help) {
-  return command.add_option_function<std::vector<T>>(name, std::move(set), help)
-      ->delimiter(delimiter)
-      ->type_size(count)
-      ->expected(1)
-      ->allow_extra_args(false);
+}  // namespace
+
+SourceArguments::SourceArguments() {
+  on_note = [](const std::string& text, const char* choice) {
+    note(choice ? text + "; " + hint_of(choice) : text);
+  };
 }
 
-}  // namespace
+void SourceArguments::finish(unsigned threads, OnSignal on_signal) {
+  if (raw.dims[0] > 0) reading.raw = raw;
+  if (depth_cache == "none") depth_cache.reset();
+  light_volume.threads = threads;
+  light_volume.progress = light_progress(on_signal);
+  pictures.progress = late_progress_bar("pictures", "pictures", OnSignal::end);
+}
+
+std::string hint_of(std::string_view choice) {
+  static const std::map<std::string_view, const char*> others{
+      {"raw", "for example `--dims 128x128x84 --type u8 --spacing 1x1x1.5 --offset 62`"},
+      {"layout", "see --dims, --type, --spacing and --offset"},
+      {"transfer", "see --transfer and --range"},
+      {"sphere", "see --center and --radius"},
+      {"center", "see --center and --radius"},
+      {"depth", "see --depth-kind and --depth-scale"},
+      {"tone", "see --color-type and --lighting of `slf build`"}};
+  if (const auto found = others.find(choice); found != others.end()) return found->second;
+  std::string option(choice);
+  std::ranges::replace(option, '_', '-');
+  return "see --" + option;
+}
 
 void SourceArguments::add_volume_to(CLI::App& command, const char* name) {
   add_file(command, name, input,
@@ -61,12 +80,13 @@ void SourceArguments::add_volume_to(CLI::App& command, const char* name) {
   const OptionGroup group(command, kVolumeGroup);
   add_file(command, "--transfer", transfer,
            std::string(kTransferHelp) + "; default: made from the histogram");
-  add_numbers<double>(
-      command, "--range", 2, ',',
-      [this](const std::vector<double>& ends) {
-        range = {ends[0], ends[1]};
-      },
-      "Stretch the transfer function to these values of the volume")
+  of_numbers(command.add_option_function<std::vector<double>>(
+                 "--range",
+                 [this](const auto& ends) {
+                   range = {ends[0], ends[1]};
+                 },
+                 "Stretch the transfer function to these values of the volume"),
+             2)
       ->type_name("LO,HI");
   add_file(command, "--labels-volume", labels_volume.path,
            "Label volume: each label gets a colour; on another grid it is resampled\n"
@@ -130,21 +150,23 @@ void SourceArguments::add_raw_to(CLI::App& command) {
   const OptionGroup group(command, kVolumeGroup);
   command.add_flag("--labels", reading.labels,
                    "Voxels are labels: nearest sampling, a colour for each label");
-  auto* dims = add_numbers<std::uint32_t>(
-                   command, "--dims", 3, 'x',
-                   [this](const auto& sides) { std::ranges::copy(sides, raw.dims.begin()); },
-                   "Raw files: voxels along x, y, z, as 128x128x84")
-                   ->check(from_to(1, UINT32_MAX))
-                   ->type_name("NXxNYxNZ");
+  auto* dims =
+      of_numbers(
+          command.add_option_function<std::vector<std::uint32_t>>(
+              "--dims", [this](const auto& sides) { std::ranges::copy(sides, raw.dims.begin()); },
+              "Raw files: voxels along x, y, z, as 128x128x84"),
+          3, 'x')
+          ->check(from_to(1, UINT32_MAX))
+          ->type_name("NXxNYxNZ");
   choose(command.add_option("--type", raw.type, "Raw files: type of a voxel"), kScalarTypes)
       ->transform(CLI::Validator(shorten_type, ""))
       ->type_name("TYPE")
       ->needs(dims)
       ->default_str("u8");
-  add_numbers<double>(
-      command, "--spacing", 3, 'x',
-      [this](const auto& lengths) { reading.spacing = to_vector(lengths); },
-      "Distance between voxels; default: what the file says, or 1")
+  of_numbers(command.add_option_function<std::vector<double>>(
+                 "--spacing", [this](const auto& lengths) { reading.spacing = to_vector(lengths); },
+                 "Distance between voxels; default: what the file says, or 1"),
+             3, 'x')
       ->check(kLength)
       ->type_name("DXxDYxDZ");
   add_number(command, "--component", reading.component,
@@ -190,10 +212,11 @@ void SourceArguments::add_light_to(CLI::App& command) {
              Choices<Projection>{{"mip", Projection::maximum},
                                  {"minip", Projection::minimum},
                                  {"mean", Projection::mean}});
-  add_numbers<double>(
-      command, "--light", 3, ',', [this](const auto& toward) { light = to_vector(toward); },
-      "World direction towards the light (LPS); "
-      "default: above, in front, to the patient's right")
+  of_numbers(command.add_option_function<std::vector<double>>(
+                 "--light", [this](const auto& toward) { light = to_vector(toward); },
+                 "World direction towards the light (LPS); "
+                 "default: above, in front, to the patient's right"),
+             3)
       ->check(kPlace)
       ->type_name(kVector);
   add_number(command, "--ambient", ambient,
@@ -214,10 +237,9 @@ void SourceArguments::add_light_to(CLI::App& command) {
                                {"global", Lighting::global}})
           ->default_str("global");
   mode->excludes(projection);
-  std::string names;
-  for (const LightRig& rig : built_in_rigs()) names += (names.empty() ? "" : ", ") + rig.name;
   add_file(command, "--light-rig", light_rig,
-           "Lights and sky of shadowed and global light: " + names + ",\nor a JSON file")
+           "Lights and sky of shadowed and global light: " +
+               joined(built_in_rigs(), ", ", &LightRig::name) + ",\nor a JSON file")
       ->default_str(built_in_rigs().front().name);
   add_environment_to(command);
   add_number(command, "--environment-gain", options.environment_gain,

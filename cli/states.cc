@@ -4,6 +4,7 @@
 #include <set>
 
 #include "base/file.h"
+#include "base/join.h"
 #include "base/nesting.h"
 #include "base/try.h"
 #include "cli/command.h"
@@ -21,12 +22,10 @@ void append_arguments(const std::string& name, const nlohmann::json& value,
   const auto text = [](const nlohmann::json& one) {
     return one.is_string() ? one.get<std::string>() : one.dump();
   };
-  std::string list;
   if (value.is_array() && !value.empty() && value[0].is_array()) {
     for (const auto& each : value) append_arguments(name, each, to);
   } else if (value.is_array()) {
-    for (const auto& item : value) list += (list.empty() ? "" : ",") + text(item);
-    to.push_back("--" + name + "=" + list);
+    to.push_back("--" + name + "=" + joined(value, ",", text));
   } else if (value == true) {
     to.push_back("--" + name);
   } else if (value != false) {
@@ -70,8 +69,7 @@ Result<void> share_light(const nlohmann::json& state, const std::vector<NamedSce
   if (!state.contains(kLightFrom)) return {};
   const std::string name = text_of(state, kLightFrom, "");
   const auto from = std::ranges::find(made, name, &NamedScene::name);
-  if (from == made.end())
-    return fail(ErrorCode::usage, kLightFrom, ": no earlier state is named '", name, "'");
+  if (from == made.end()) return misuse(kLightFrom, "no earlier state is named '", name, "'");
   return scene.share_light(from->scene).map_error([&](const Error& error) {
     return Error{error.code, fmt::format("{}: '{}': {}", kLightFrom, name, error.message)};
   });
@@ -90,26 +88,23 @@ Result<void> check_light_file(const nlohmann::json& state, const SourceArguments
 
 Result<nlohmann::json> read_states(const std::string& path) {
   const auto bytes = SLF_TRY(read_file(path, kMaxStatesFile));
-  const std::string_view text(reinterpret_cast<const char*>(bytes.data()), bytes.size());
   nlohmann::json json;
   try {
-    json = nlohmann::json::parse(text, limit_nesting);
+    json = nlohmann::json::parse(chars_of(bytes), limit_nesting);
   } catch (const std::exception& error) {
-    return fail(ErrorCode::bad_file, path, ": not JSON: ", error.what());
+    return bad_file(path, "not JSON: ", error.what());
   }
   const nlohmann::json states = json.is_object() ? json.value("states", nlohmann::json()) : json;
   if (!states.is_array() || states.empty())
-    return fail(ErrorCode::bad_file, path,
-                R"(: expected {"states": [{"name": TEXT, OPTION: VALUE, ...}, ...]})");
+    return bad_file(path, R"(expected {"states": [{"name": TEXT, OPTION: VALUE, ...}, ...]})");
   if (states.size() > kMaxStates)
-    return fail(ErrorCode::bad_file, path, ": ", states.size(), " states; a field has at most ",
-                kMaxStates);
+    return bad_file(path, states.size(), " states; a field has at most ", kMaxStates);
   std::set<std::string> names;
   for (std::size_t k = 0; k < states.size(); ++k) {
     const std::string name = states[k].is_object() ? text_of(states[k], "name", "") : "";
     if (name.empty() || !names.insert(name).second)
-      return fail(ErrorCode::bad_file, path, ": states[", k, "] has ",
-                  name.empty() ? "no name" : "the name of another, " + name);
+      return bad_file(path, "states[", k, "] has ",
+                      name.empty() ? "no name" : "the name of another, " + name);
   }
   return states;
 }
@@ -147,7 +142,7 @@ Result<std::vector<NamedScene>> make_states(const std::string& file, const Sourc
       if (!all) break;
     }
   }
-  if (!last.empty()) return fail(ErrorCode::usage, file, ": has no state '", last, "'");
+  if (!last.empty()) return misuse(file, "has no state '", last, "'");
   return made;
 }
 

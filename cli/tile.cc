@@ -73,11 +73,11 @@ Result<void> run_tile(const TileArguments& a) {
 }  // namespace
 
 void add_tile(CLI::App& app, Run& run) {
-  auto* command = app.add_subcommand("tile", "Write one tile, as a picture or as its samples");
+  const auto [command, a] =
+      add_command(app, run, "tile", "Write one tile, as a picture or as its samples", run_tile);
   command->footer(R"(
 The picture shows the exit triangle of each entry vertex where that vertex lies among the others of
 its section. .raw has the samples as FORMAT.md orders them: picture by picture, little-endian.)");
-  auto a = std::make_shared<TileArguments>();
   a->field.add_to(*command, "Field to read");
   command->add_option("TILE", a->tile, "LEVEL/ENTRY/EXIT as `slf ls` prints it, or LEVEL/INDEX")
       ->type_name("TILE")
@@ -90,7 +90,6 @@ its section. .raw has the samples as FORMAT.md orders them: picture by picture, 
   command->add_option("--format", a->format, "Default: the ending of the output; raw on stdout")
       ->check(CLI::IsMember({"png", "exr", "raw"}));
   command->add_flag("-f,--force", a->force, "Overwrite the output");
-  command->callback([a, &run] { run = [a] { return run_tile(*a); }; });
 }
 
 }  // namespace slf::cli

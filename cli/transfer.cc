@@ -18,15 +18,10 @@ struct TransferArguments {
 };
 
 const char* name_of(TransferPreset::Values values) {
-  switch (values) {
-    case TransferPreset::Values::relative:
-      return "relative";
-    case TransferPreset::Values::indexed:
-      return "indexed";
-    case TransferPreset::Values::absolute:
-      break;
-  }
-  return "absolute";
+  using Values = TransferPreset::Values;
+  return values == Values::relative  ? "relative"
+         : values == Values::indexed ? "indexed"
+                                     : "absolute";
 }
 
 std::array<double, 2> extent(const TransferFunction& f) {
@@ -124,16 +119,14 @@ Result<void> run_transfer(const TransferArguments& a) {
 }  // namespace
 
 void add_transfer(CLI::App& app, Run& run) {
-  auto* command =
-      app.add_subcommand("transfer", "Transfer functions: list them, draw one, convert");
-  auto a = std::make_shared<TransferArguments>();
+  const auto [command, a] = add_command(
+      app, run, "transfer", "Transfer functions: list them, draw one, convert", run_transfer);
   command->add_option("NAME", a->reference, kTransferHelp);
   command->add_flag("--list", a->list, "The built-in functions, or those of a file");
   add_file(*command, "-o,--output", a->output,
            "A picture of it (.png, .jpg, .exr), or ParaView's preset JSON (.json)");
   command->add_flag("-f,--force", a->force, "Overwrite the output");
   command->add_flag("--json", a->json, "JSON on stdout");
-  command->callback([a, &run] { run = [a] { return run_transfer(*a); }; });
 }
 
 }  // namespace slf::cli

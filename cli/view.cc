@@ -109,8 +109,7 @@ Result<void> run_export(const ExportArguments& a) {
 }  // namespace
 
 void add_view(CLI::App& app, Run& run) {
-  auto* command = app.add_subcommand("view", "Show fields in a browser");
-  auto a = std::make_shared<ViewArguments>();
+  const auto [command, a] = add_command(app, run, "view", "Show fields in a browser", run_view);
   add_file(*command, "FIELD", a->fields, "Fields to show", kFieldFile)->required();
   command->add_option("--port", a->port, "Port to listen on; 0: any free one");
   command->add_option(
@@ -128,12 +127,11 @@ void add_view(CLI::App& app, Run& run) {
   a->first.add_to(*command);
   command->add_flag("--open", a->open, "Open the page in the desktop's browser");
   command->add_flag("--json", a->json, "JSON on stdout");
-  command->callback([a, &run] { run = [a] { return run_view(*a); }; });
 }
 
 void add_export(CLI::App& app, Run& run) {
-  auto* command = app.add_subcommand("export", "Write a page that shows a field");
-  auto a = std::make_shared<ExportArguments>();
+  const auto [command, a] =
+      add_command(app, run, "export", "Write a page that shows a field", run_export);
   add_file(*command, "FIELD", a->field, "Field to show", kFieldFile)->required();
   add_file(*command, "-o,--output", a->output,
            "NAME.html or NAME.htm: one file, which opens offline;\n"
@@ -151,7 +149,6 @@ void add_export(CLI::App& app, Run& run) {
   a->first.add_to(*command);
   command->add_flag("-f,--force", a->force, "Overwrite the output");
   command->add_flag("--json", a->json, "JSON on stdout");
-  command->callback([a, &run] { run = [a] { return run_export(*a); }; });
 }
 
 }  // namespace slf::cli

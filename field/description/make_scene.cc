@@ -5,6 +5,7 @@
 #include <tuple>
 #include <utility>
 
+#include "base/join.h"
 #include "base/try.h"
 #include "slf/image.h"
 #include "slf/scene_description.h"
@@ -82,7 +83,7 @@ Result<void> check_no_volume(const SceneDescription& d, const char* kind) {
                                       {"projection", d.raycast.projection != Projection::none},
                                       {"light_file", !d.light_volume.file.empty()},
                                       {"reference", d.reference}})
-    if (given) return fail(ErrorCode::usage, member, ": only for volumes; ", d.input, " is ", kind);
+    if (given) return misuse(member, "only for volumes; ", d.input, " is ", kind);
   return {};
 }
 
@@ -184,11 +185,8 @@ Result<std::unique_ptr<Scene>> volume_scene(const SceneDescription& d) {
     if (!part) continue;
     volume.files.insert(volume.files.end(), part->files.begin(), part->files.end());
     if (same_grid(*part, volume)) continue;
-    std::string text = part->source + ": ";
-    for (const std::uint32_t side : part->dims) text += std::to_string(side) + "x";
-    text.back() = ' ';
-    note(d, text + "voxels on another grid than " + volume.source +
-                ": resampled, nearest, by world position");
+    note(d, concat(part->source, ": ", joined(part->dims, "x"), " voxels on another grid than ",
+                   volume.source, ": resampled, nearest, by world position"));
   }
   SLF_TRY(check_files(d, volume.files));
   if (!volume.labels && looks_like_labels(volume))
@@ -260,8 +258,8 @@ Result<Volume> read_volume(const SceneDescription& d) {
   const bool may_have_cameras = d.input.ends_with(".json") || d.input.ends_with(".csv") ||
                                 std::filesystem::is_directory(d.input, ignored);
   if (may_have_cameras && read_pictures(d.input))
-    return fail(ErrorCode::bad_file, d.input, ": has pictures with cameras, not a volume: name it ",
-                kPicturesPrefix, d.input);
+    return bad_file(d.input, "has pictures with cameras, not a volume: name it ", kPicturesPrefix,
+                    d.input);
   if (d.reading.raw && volume.error().choice && std::string_view(volume.error().choice) == "raw")
     volume.error().choice = "layout";
   return volume;

@@ -1,6 +1,5 @@
 #include "slf/image.h"
 
-#include <cstring>
 #include <filesystem>
 #include <string_view>
 #include <utility>
@@ -10,6 +9,7 @@
 #include "base/half.h"
 #include "base/try.h"
 #include "field/image/formats.h"
+#include "field/image/tiff_file.h"
 
 namespace slf {
 namespace image_formats {
@@ -32,13 +32,9 @@ Result<Decoder> decoder_for(const std::string& name, ByteSpan start) {
                                        {"\xff\xd8\xff", decode_jpeg},
                                        {"\x76\x2f\x31\x01", decode_exr},
                                        {"#?RADIANCE\n", decode_hdr},
-                                       {"#?RGBE\n", decode_hdr},
-                                       {{"II*\0", 4}, decode_tiff},
-                                       {{"MM\0*", 4}, decode_tiff},
-                                       {{"II+\0", 4}, decode_tiff},
-                                       {{"MM\0+", 4}, decode_tiff}})
-    if (start.size() >= magic.size() && std::memcmp(start.data(), magic.data(), magic.size()) == 0)
-      return decoder;
+                                       {"#?RGBE\n", decode_hdr}})
+    if (chars_of(start).starts_with(magic)) return decoder;
+  if (looks_like_tiff(chars_of(start))) return decode_tiff;
   return bad_file(name, "not a PNG, JPEG, TIFF, OpenEXR or Radiance HDR picture");
 }
 

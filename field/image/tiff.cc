@@ -62,10 +62,8 @@ Result<Layout> layout_of(const TiffFile& file) {
 
 /// Goes to the first page that is no thumbnail.
 Result<Layout> find_picture(TiffFile& file) {
-  while (file.is_thumbnail()) {
-    const bool another = SLF_TRY(file.next());
-    if (!another) return bad_file(file.path, "TIFF without a picture");
-  }
+  const bool found = SLF_TRY(file.skip_thumbnails());
+  if (!found) return bad_file(file.path, "TIFF without a picture");
   return layout_of(file);
 }
 

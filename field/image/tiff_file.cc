@@ -113,12 +113,12 @@ Result<void> TiffFile::go_to(std::uint64_t offset) {
   return {};
 }
 
-Result<std::string> TiffFile::description() {
+Result<bool> TiffFile::skip_thumbnails() {
   while (is_thumbnail()) {
     const auto more = SLF_TRY(next());
-    if (!more) break;
+    if (!more) return false;
   }
-  return text(TIFFTAG_IMAGEDESCRIPTION);
+  return true;
 }
 
 bool TiffFile::is_thumbnail() const {

@@ -44,8 +44,8 @@ class TiffFile {
   Result<bool> next();
   /// Moves to the page whose directory is at `offset` of the file.
   Result<void> go_to(std::uint64_t offset);
-  /// The description of the first page that is no thumbnail, to which it moves.
-  Result<std::string> description();
+  /// Moves to the first page that is no thumbnail; false, and to the last one, if there is none.
+  Result<bool> skip_thumbnails();
   /// A reduced copy of another page, or its mask, which some writers add.
   [[nodiscard]] bool is_thumbnail() const;
 

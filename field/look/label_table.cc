@@ -42,14 +42,17 @@ std::optional<glm::dvec3> parse_color(std::string_view r, std::string_view g, st
   return glm::dvec3(*red, *green, *blue) / 255.0;
 }
 
+template <class... Parts>
+tl::unexpected<Error> bad_line(const std::string& source, std::size_t line, const Parts&... parts) {
+  return fail(ErrorCode::bad_file, source, ", line ", line, ": ", parts...);
+}
+
 Result<LabelTable> table_of(const std::vector<std::pair<std::size_t, Entry>>& rows,
                             const std::string& source, bool last_wins = false) {
   LabelTable table;
   for (const auto& [line, entry] : rows) {
     const bool added = table.insert_or_assign(entry.id, entry.style).second;
-    if (!added && !last_wins)
-      return fail(ErrorCode::bad_file, source, ", line ", line, ": the id ", entry.id,
-                  " occurs twice");
+    if (!added && !last_wins) return bad_line(source, line, "the id ", entry.id, " occurs twice");
   }
   if (table.empty()) return bad_file(source, "a table without labels");
   return table;
@@ -152,17 +155,17 @@ Result<LabelTable> parse_lines(std::string_view text, const std::string& source)
         words.empty() && hash != std::string_view::npos && origin == Origin::unknown)
       origin = origin_of(line.substr(hash + 1));
     if (origin == Origin::slicer_scale)
-      return fail(ErrorCode::bad_file, source, ", line ", number,
-                  ": a continuous scale of colours (3D Slicer's), which has no labels");
+      return bad_line(source, number,
+                      "a continuous scale of colours (3D Slicer's), which has no labels");
     if (words.empty()) continue;
     if (rows.empty()) snap = is_snap(words);
     auto entry = snap ? parse_snap(words) : parse_named(words);
     if (!entry)
-      return fail(ErrorCode::bad_file, source, ", line ", number, ": expected ",
-                  rows.empty() || snap ? "ITK-SNAP's `ID R G B A VIS MESH \"NAME\"`" : "",
-                  rows.empty() ? " or " : "",
-                  rows.empty() || !snap ? "3D Slicer's or FreeSurfer's `ID NAME R G B A`" : "",
-                  ", found ", in_quotes(volume_io::trim(line)));
+      return bad_line(source, number, "expected ",
+                      rows.empty() || snap ? "ITK-SNAP's `ID R G B A VIS MESH \"NAME\"`" : "",
+                      rows.empty() ? " or " : "",
+                      rows.empty() || !snap ? "3D Slicer's or FreeSurfer's `ID NAME R G B A`" : "",
+                      ", found ", in_quotes(volume_io::trim(line)));
     rows.emplace_back(number, std::move(*entry));
   }
   if (snap) return table_of(rows, source);
@@ -204,9 +207,9 @@ Result<LabelTable> parse_csv(std::string_view text, char separator, const std::s
       for (std::size_t k = 0; k < cells.size(); ++k) columns.emplace(lower_case(cells[k]), k);
       for (const char* name : {"Color_R", "Color_G", "Color_B"})
         if (!columns.contains(lower_case(name)))
-          return fail(ErrorCode::bad_file, source, ", line ", first, ": the column ", name,
-                      " is missing; 3D Slicer's color tables have LabelValue, Name, Color_R, "
-                      "Color_G, Color_B and Color_A");
+          return bad_line(source, first, "the column ", name,
+                          " is missing; 3D Slicer's color tables have LabelValue, Name, Color_R, "
+                          "Color_G, Color_B and Color_A");
       continue;
     }
     const auto field = [&](const std::string& name) -> std::string_view {
@@ -218,11 +221,11 @@ Result<LabelTable> parse_csv(std::string_view text, char separator, const std::s
     const auto color = parse_color(field("color_r"), field("color_g"), field("color_b"));
     const auto opacity = field("color_a").empty() ? 255 : number(field("color_a"), 255);
     if (!id)
-      return fail(ErrorCode::bad_file, source, ", line ", first, ": LabelValue is ",
-                  in_quotes(field(std::string(kIdColumn))), ", expected an integer");
+      return bad_line(source, first, "LabelValue is ", in_quotes(field(std::string(kIdColumn))),
+                      ", expected an integer");
     if (!color || !opacity)
-      return fail(ErrorCode::bad_file, source, ", line ", first,
-                  ": expected 0 to 255 as each of Color_R, Color_G, Color_B and Color_A");
+      return bad_line(source, first,
+                      "expected 0 to 255 as each of Color_R, Color_G, Color_B and Color_A");
     rows.emplace_back(
         first,
         Entry{*id,
@@ -273,9 +276,7 @@ Result<LabelTable> parse_json(std::string_view text, const std::string& source) 
 }  // namespace
 
 Result<LabelTable> parse_label_table(const std::string& bytes, const std::string& source) {
-  constexpr std::string_view kByteOrderMark = "\xef\xbb\xbf";
-  std::string_view text = bytes;
-  if (text.starts_with(kByteOrderMark)) text.remove_prefix(kByteOrderMark.size());
+  const std::string_view text = without_byte_order_mark(bytes);
   if (volume_io::trim(text).starts_with('{')) return parse_json(text, source);
   if (const auto separator = csv_separator(text)) return parse_csv(text, *separator, source);
   return parse_lines(text, source);

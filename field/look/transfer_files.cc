@@ -27,20 +27,15 @@ std::string some_names(std::span<const TransferPreset> presets, const std::strin
     return !like.empty() && lower_case(name).find(lower_case(like)) != std::string::npos;
   });
   constexpr std::size_t kSome = 16;
-  std::string list;
-  for (std::size_t i = 0; i < std::min(kSome, names.size()); ++i)
-    list += (i ? ", " : "") + names[i];
-  if (names.size() > kSome) list += ", and " + std::to_string(names.size() - kSome) + " more";
-  return list;
+  const std::string list = joined(std::span(names).first(std::min(kSome, names.size())));
+  return names.size() > kSome ? concat(list, ", and ", names.size() - kSome, " more") : list;
 }
 
 }  // namespace
 
 Result<std::vector<TransferPreset>> parse_transfers(const std::string& bytes,
                                                     const std::string& source) {
-  constexpr std::string_view kByteOrderMark = "\xef\xbb\xbf";
-  std::string_view text = bytes;
-  if (text.starts_with(kByteOrderMark)) text.remove_prefix(kByteOrderMark.size());
+  const std::string_view text = without_byte_order_mark(bytes);
   auto presets = looks_like_clut(text)  ? parse_clut(text, source)
                  : looks_like_xml(text) ? parse_xml(text, source)
                  : looks_like_vp(text)  ? parse_vp(text, source)

@@ -21,12 +21,6 @@ namespace fs = std::filesystem;
 constexpr int kMaxNeighbours = 16;
 constexpr std::size_t kMaxMaterials = 1 << 16;
 
-std::string_view text_of_bytes(ByteSpan bytes) {
-  std::string_view text = chars_of(bytes);
-  if (text.starts_with("\xEF\xBB\xBF")) text.remove_prefix(3);
-  return text;
-}
-
 /// Lines without comments and blanks around; a backslash at its end continues a line.
 class Lines {
  public:
@@ -112,7 +106,8 @@ struct Material {
 
 class ObjReader {
  public:
-  ObjReader(ByteSpan bytes, MeshBuilder& to) : text_(text_of_bytes(bytes)), to_(to) {}
+  ObjReader(ByteSpan bytes, MeshBuilder& to)
+      : text_(without_byte_order_mark(chars_of(bytes))), to_(to) {}
 
   Result<void> read() {
     SLF_TRY(read_vertices());
@@ -199,7 +194,7 @@ class ObjReader {
     const Bytes bytes = SLF_TRY(to_.read((fs::path(to_.path()).parent_path() / file).string()));
     const std::string folder = fs::path(file).parent_path();
     Material* to = nullptr;
-    for (Lines lines(text_of_bytes(bytes)); lines.next();) {
+    for (Lines lines(without_byte_order_mark(chars_of(bytes))); lines.next();) {
       std::string_view rest = lines.line();
       const std::string word = lower_case(next_word(rest));
       if (word == "newmtl") {

@@ -62,6 +62,22 @@ glm::vec4 sample(const MeshTexture& texture, const MeshMaterial& material, const
 float least_alpha(const MeshMaterial& material) {
   return material.opacity == MeshOpacity::cutout ? material.cutoff : 1.f / 512;
 }
+/// From here on, what is translucent casts shadows.
+float least_blocking_alpha(const MeshMaterial& material) {
+  return material.opacity == MeshOpacity::cutout ? material.cutoff : 0.5f;
+}
+
+/// The corners of a triangle.
+std::array<glm::dvec3, 3> corners_of(const Mesh& mesh, const glm::uvec3& t) {
+  return {glm::dvec3(mesh.positions[t[0]]), glm::dvec3(mesh.positions[t[1]]),
+          glm::dvec3(mesh.positions[t[2]])};
+}
+
+/// Its normal, twice as long as its area.
+glm::dvec3 normal_of(const Mesh& mesh, const glm::uvec3& t) {
+  const auto [a, b, c] = corners_of(mesh, t);
+  return glm::cross(b - a, c - a);
+}
 
 template <class T>
 T interpolate(const T& a, const T& b, const T& c, const glm::vec2& at) {
@@ -132,24 +148,13 @@ bool can_be_seen(const Mesh& mesh) {
 
 /// Embree asks these whether a hit in a material that is not opaque counts.
 struct MeshSurface::Filters {
-  static float alpha(const RTCFilterFunctionNArguments& a, const MeshSurface& surface,
-                     std::uint32_t& triangle) {
-    const auto& hit = *reinterpret_cast<const RTCHit*>(a.hit);
-    triangle = static_cast<std::uint32_t>(surface.opaque_) + hit.primID;
-    return surface.raw_color(triangle, {hit.u, hit.v}).a;
-  }
-  static void first(const RTCFilterFunctionNArguments* a) {
+  template <float (*least)(const MeshMaterial&)>
+  static void from_alpha(const RTCFilterFunctionNArguments* a) {
     const MeshSurface& surface = *static_cast<const MeshSurface*>(a->geometryUserPtr);
-    std::uint32_t triangle = 0;
-    const float opacity = alpha(*a, surface, triangle);
-    if (opacity < least_alpha(surface.material(triangle))) a->valid[0] = 0;
-  }
-  static void blocking(const RTCFilterFunctionNArguments* a) {
-    const MeshSurface& surface = *static_cast<const MeshSurface*>(a->geometryUserPtr);
-    std::uint32_t triangle = 0;
-    const float opacity = alpha(*a, surface, triangle);
-    const MeshMaterial& m = surface.material(triangle);
-    if (opacity < (m.opacity == MeshOpacity::cutout ? m.cutoff : 0.5f)) a->valid[0] = 0;
+    const auto& hit = *reinterpret_cast<const RTCHit*>(a->hit);
+    const std::uint32_t triangle = static_cast<std::uint32_t>(surface.opaque_) + hit.primID;
+    if (surface.raw_color(triangle, {hit.u, hit.v}).a < least(surface.material(triangle)))
+      a->valid[0] = 0;
   }
 };
 
@@ -174,12 +179,9 @@ MeshSurface::~MeshSurface() {
 
 Result<void> MeshSurface::place() {
   glm::dvec3 low(std::numeric_limits<double>::infinity()), high = -low;
-  std::vector<glm::vec3>& positions = mesh_.positions;
   for (const glm::uvec3& t : mesh_.triangles)
-    for (int c = 0; c < 3; ++c) {
-      low = glm::min(low, glm::dvec3(positions[t[c]]));
-      high = glm::max(high, glm::dvec3(positions[t[c]]));
-    }
+    for (const glm::dvec3& p : corners_of(mesh_, t))
+      low = glm::min(low, p), high = glm::max(high, p);
   for (int axis = 0; axis < 3; ++axis)
     if (const double most = std::max(-low[axis], high[axis]) + std::abs(mesh_.origin[axis]);
         most > kMaxCoordinate)
@@ -189,10 +191,8 @@ Result<void> MeshSurface::place() {
   center_ = mesh_.origin + middle;
   double radius2 = 0;
   for (const glm::uvec3& t : mesh_.triangles)
-    for (int c = 0; c < 3; ++c) {
-      const glm::dvec3 d = glm::dvec3(positions[t[c]]) - middle;
-      radius2 = std::max(radius2, glm::dot(d, d));
-    }
+    for (const glm::dvec3& p : corners_of(mesh_, t))
+      radius2 = std::max(radius2, glm::dot(p - middle, p - middle));
   const double radius = std::sqrt(radius2);
   if (radius < kMinRadius)
     return unsupported(mesh_.source, "all triangles lie within ", radius,
@@ -200,11 +200,9 @@ Result<void> MeshSurface::place() {
   bounds_ = {center_, 1.001 * radius};  // rays must not start in a triangle
   // A power of 2: only the subtraction rounds.
   unit_ = std::exp2(std::ceil(std::log2(radius)));
-  for (glm::vec3& p : positions) p = glm::vec3((glm::dvec3(p) - middle) / unit_);
+  for (glm::vec3& p : mesh_.positions) p = glm::vec3((glm::dvec3(p) - middle) / unit_);
   for (const glm::uvec3& t : mesh_.triangles) {
-    const glm::dvec3 p(positions[t[0]]);
-    const glm::dvec3 n =
-        glm::cross(glm::dvec3(positions[t[1]]) - p, glm::dvec3(positions[t[2]]) - p);
+    const glm::dvec3 n = normal_of(mesh_, t);
     if (glm::dot(n, n) > 0) return {};
   }
   return bad_file(mesh_.source, "none of its ", mesh_.triangles.size(), " triangles has an area");
@@ -257,8 +255,8 @@ Result<void> MeshSurface::make_tree() {
                                sizeof(glm::uvec3), end - first);
     if (holes) {
       rtcSetGeometryUserData(part, this);
-      rtcSetGeometryIntersectFilterFunction(part, Filters::first);
-      rtcSetGeometryOccludedFilterFunction(part, Filters::blocking);
+      rtcSetGeometryIntersectFilterFunction(part, Filters::from_alpha<least_alpha>);
+      rtcSetGeometryOccludedFilterFunction(part, Filters::from_alpha<least_blocking_alpha>);
     }
     rtcCommitGeometry(part);
     rtcAttachGeometryByID(tree_, part, holes ? 1 : 0);
@@ -285,10 +283,8 @@ std::optional<SurfacePoint> MeshSurface::first(const glm::dvec3& from, const glm
   point.triangle =
       found.hit.primID + (found.hit.geomID == 1 ? static_cast<std::uint32_t>(opaque_) : 0);
   // Where the ray crosses the triangle's plane, exactly (Möller, Trumbore 1997).
-  const glm::uvec3& t = mesh_.triangles[point.triangle];
-  const glm::dvec3 p(mesh_.positions[t[0]]);
-  const glm::dvec3 e1 = glm::dvec3(mesh_.positions[t[1]]) - p;
-  const glm::dvec3 e2 = glm::dvec3(mesh_.positions[t[2]]) - p;
+  const auto [p, b, c] = corners_of(mesh_, mesh_.triangles[point.triangle]);
+  const glm::dvec3 e1 = b - p, e2 = c - p;
   const glm::dvec3 across = glm::cross(direction, e2);
   const double determinant = glm::dot(e1, across);
   point.back = determinant < 0;
@@ -344,8 +340,7 @@ glm::vec4 MeshSurface::color(const SurfacePoint& point) const {
 }
 
 glm::dvec3 MeshSurface::position(const SurfacePoint& point) const {
-  const glm::uvec3& t = mesh_.triangles[point.triangle];
-  const glm::dvec3 a(mesh_.positions[t[0]]), b(mesh_.positions[t[1]]), c(mesh_.positions[t[2]]);
+  const auto [a, b, c] = corners_of(mesh_, mesh_.triangles[point.triangle]);
   return a + point.at.x * (b - a) + point.at.y * (c - a);
 }
 
@@ -359,10 +354,7 @@ glm::vec3 MeshSurface::normal(const SurfacePoint& point) const {
 }
 
 glm::vec3 MeshSurface::face_normal(const SurfacePoint& point) const {
-  const glm::uvec3& t = mesh_.triangles[point.triangle];
-  const glm::dvec3 p(mesh_.positions[t[0]]);
-  const glm::dvec3 n =
-      glm::cross(glm::dvec3(mesh_.positions[t[1]]) - p, glm::dvec3(mesh_.positions[t[2]]) - p);
+  const glm::dvec3 n = normal_of(mesh_, mesh_.triangles[point.triangle]);
   const double length = glm::length(n);
   if (!(length > 0)) return {0, 0, 1};
   return glm::vec3((point.back ? -1.0 : 1.0) / length * n);

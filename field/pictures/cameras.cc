@@ -7,15 +7,13 @@
 
 #include "base/ascii.h"
 #include "base/file.h"
+#include "base/join.h"
 #include "base/try.h"
 #include "field/geometry/directions.h"
 
 namespace slf {
-namespace {
 
 namespace fs = std::filesystem;
-
-}  // namespace
 
 std::vector<std::string> PictureSet::files() const {
   std::vector<std::string> files = models;
@@ -46,13 +44,12 @@ std::string image_folder(const std::string& folder) {
 
 Result<PictureSet> read_model(const std::string& model_folder, const std::string& pictures) {
   const auto model = SLF_TRY(cameras::read_colmap(model_folder));
-  auto set = cameras::parse_colmap(model, pictures);
-  if (!set) return set;
+  auto set = SLF_TRY(cameras::parse_colmap(model, pictures));
   for (const char* name : {"/cameras", "/images", "/points3D"})
-    set->models.push_back(model_folder + name + (model.text ? ".txt" : ".bin"));
+    set.models.push_back(model_folder + name + (model.text ? ".txt" : ".bin"));
   cameras::FileFinder finder(pictures);
   std::set<std::string> named;
-  for (Picture& picture : set->pictures) {
+  for (Picture& picture : set.pictures) {
     picture.file = finder.find(picture.name);
     named.insert(picture.file);
   }
@@ -66,9 +63,8 @@ Result<PictureSet> read_model(const std::string& model_folder, const std::string
       if (extension == picture) without += named.count(it->path().lexically_normal().string()) == 0;
   }
   if (without > 0)
-    set->notes.push_back(
-        std::to_string(without) +
-        " pictures without a camera, which the model could not place, are not used");
+    set.notes.push_back(concat(
+        without, " pictures without a camera, which the model could not place, are not used"));
   return set;
 }
 
@@ -94,10 +90,6 @@ Result<PictureSet> read_folder(const std::string& folder) {
       "no cameras; expected transforms.json, transforms_train.json, data.csv of a Cinema database, "
       "or COLMAP's cameras.bin and images.bin here, in sparse or in sparse/0");
 }
-
-}  // namespace
-
-namespace {
 
 /// Whether a picture and its mask are there, and fit the camera. Returns the size.
 Result<image_formats::ImageSize> check_picture(const std::string& source, const Picture& picture) {
@@ -133,6 +125,15 @@ Result<image_formats::ImageSize> cameras::size_of(const std::string& source,
   return image_formats::read_image_size(picture.file);
 }
 
+Lens cameras::pinhole_lens(std::uint32_t width, std::uint32_t height, double angle) {
+  Lens lens;
+  lens.width = width, lens.height = height;
+  lens.fx = lens.fy = height / 2.0 / std::tan(angle * std::numbers::pi / 360);
+  lens.cx = width / 2.0, lens.cy = height / 2.0;
+  lens.finish();
+  return lens;
+}
+
 Result<void> cameras::check_sizes(PictureSet& set) {
   std::size_t scaled = 0, without_depths = 0;
   std::string example;
@@ -152,8 +153,7 @@ Result<void> cameras::check_sizes(PictureSet& set) {
     Lens& lens = picture.lens;
     if (*size != image_formats::ImageSize{lens.width, lens.height}) {
       if (scaled++ == 0)
-        example = std::to_string(lens.width) + "x" + std::to_string(lens.height) + " to " +
-                  std::to_string(size->width) + "x" + std::to_string(size->height);
+        example = concat(lens.width, "x", lens.height, " to ", size->width, "x", size->height);
       const double sx = 1.0 * size->width / lens.width, sy = 1.0 * size->height / lens.height;
       lens.fx *= sx, lens.cx *= sx;
       lens.fy *= sy, lens.cy *= sy;
@@ -168,10 +168,9 @@ Result<void> cameras::check_sizes(PictureSet& set) {
   if (without_depths > 0)
     set.notes.push_back(std::to_string(without_depths) + " pictures of depths are missing");
   if (scaled > 0)
-    set.notes.push_back(
-        std::to_string(scaled) +
-        " cameras were found at another size than their pictures have, and are scaled (" + example +
-        ")");
+    set.notes.push_back(concat(
+        scaled, " cameras were found at another size than their pictures have, and are scaled (",
+        example, ")"));
   return {};
 }
 
@@ -229,28 +228,26 @@ Result<void> cameras::LeftOut::settle(std::size_t remaining,
   if (first_ && remaining < 2) {
     Error error = *first_;
     if (total > 1)
-      error.message += "; of " + std::to_string(total) + " pictures, " + std::to_string(remaining) +
-                       " can be used, and 2 are needed";
+      error.message +=
+          concat("; of ", total, " pictures, ", remaining, " can be used, and 2 are needed");
     return tl::unexpected(std::move(error));
   }
   for (const auto& [code, reason] : reasons_)
-    notes.push_back(std::to_string(reason.count) + " of " + std::to_string(total) +
-                    " pictures are left out: " + reason.first +
-                    (reason.count > 1 ? "; and so on" : ""));
+    notes.push_back(concat(reason.count, " of ", total, " pictures are left out: ", reason.first,
+                           reason.count > 1 ? "; and so on" : ""));
   return {};
 }
 
 Result<PictureSet> read_pictures(const std::string& path) {
   std::error_code ignored;
-  auto set = fs::is_directory(path, ignored) ? read_folder(path) : read_cameras(path);
-  if (!set) return set;
-  std::ranges::stable_sort(set->pictures, {}, &Picture::name);
-  const auto again = std::ranges::unique(set->pictures, {}, &Picture::file);
+  auto set = SLF_TRY(fs::is_directory(path, ignored) ? read_folder(path) : read_cameras(path));
+  std::ranges::stable_sort(set.pictures, {}, &Picture::name);
+  const auto again = std::ranges::unique(set.pictures, {}, &Picture::file);
   if (!again.empty())
-    set->notes.push_back(std::to_string(again.size()) +
-                         " pictures are there twice: only the first camera of each is used");
-  set->pictures.erase(again.begin(), again.end());
-  SLF_TRY(cameras::check_sizes(*set));
+    set.notes.push_back(
+        concat(again.size(), " pictures are there twice: only the first camera of each is used"));
+  set.pictures.erase(again.begin(), again.end());
+  SLF_TRY(cameras::check_sizes(set));
   return set;
 }
 
@@ -280,14 +277,8 @@ std::vector<Picture> spread_cameras(const Sphere& sphere, double distance, std::
     picture.eye = sphere.center + distance * sphere.radius * toward;
     const glm::dvec3 right = glm::normalize(glm::cross(-toward, any_up(toward)));
     picture.axes = glm::dmat3(right, glm::cross(-toward, right), -toward);
-    Lens& lens = picture.lens;
-    lens.width = width;
-    lens.height = height;
-    const double fov = fitted_fov(sphere, distance * sphere.radius, width, height);
-    lens.fx = lens.fy = height / 2.0 / std::tan(fov * std::numbers::pi / 360);
-    lens.cx = width / 2.0;
-    lens.cy = height / 2.0;
-    lens.finish();
+    picture.lens = cameras::pinhole_lens(
+        width, height, fitted_fov(sphere, distance * sphere.radius, width, height));
     pictures.push_back(std::move(picture));
   }
   return pictures;

@@ -83,6 +83,9 @@ enum class ColmapForm { none, binary, text };
 [[nodiscard]] Result<image_formats::ImageSize> size_of(const std::string& source,
                                                        const Picture& picture);
 
+/// A lens without distortion whose height has this angle of view, in degrees.
+[[nodiscard]] Lens pinhole_lens(std::uint32_t width, std::uint32_t height, double angle);
+
 /// Compares the sizes of pictures with those of their cameras: a picture of the same shape but
 /// another size scales the camera, with a note. Pictures that are missing, damaged or of another
 /// shape are left out, with a note; the first of these errors, if fewer than two remain.

@@ -117,12 +117,8 @@ Result<PictureSet> parse_cinema(std::string_view text, const std::string& name,
       SLF_TRY(left_out.add(std::move(size.error())));
       continue;
     }
-    const double half = *angle * std::numbers::pi / 360;
-    Lens& lens = picture.lens;
-    lens.width = size->width, lens.height = size->height;
-    lens.fx = lens.fy = size->height / 2.0 / std::tan(half);
-    lens.cx = size->width / 2.0, lens.cy = size->height / 2.0;
-    lens.finish();
+    picture.lens = pinhole_lens(size->width, size->height, *angle);
+    const Lens& lens = picture.lens;
     // ParaView puts the camera where the sphere around the data just fits the narrower side.
     const double narrow = std::atan(std::min(lens.width, lens.height) / 2.0 / lens.fy);
     set_place(*phi, *theta, 1 / std::sin(narrow), picture);

@@ -164,9 +164,8 @@ Result<void> add_camera(const std::string& file, std::uint64_t id, std::size_t m
 
 tl::unexpected<Error> unknown_model(const std::string& file, std::uint64_t id,
                                     const std::string& model) {
-  std::string known;
-  for (const Model& m : kModels) known += (known.empty() ? "" : ", ") + std::string(m.name);
-  return unsupported(file, "camera ", id, ": model ", model, "; known: ", known);
+  return unsupported(file, "camera ", id, ": model ", model,
+                     "; known: ", joined(kModels, ", ", &Model::name));
 }
 
 Result<std::map<std::uint64_t, Lens>> read_lenses(const ColmapModel& model) {

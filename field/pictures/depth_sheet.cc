@@ -36,18 +36,6 @@ glm::vec3 color_of_confirmations(int count) {
   return along(kColors, count / double{kManyConfirm});
 }
 
-/// Where a pixel's ray meets the surface, along z; 0: nowhere.
-double depth_of_surface(const Surface& surface, const Sphere& sphere, const SmallView& view,
-                        double x, double y) {
-  const glm::dvec3 way = view.direction(x, y);
-  const Chord chord = intersect(sphere, view.eye, way);
-  if (!chord.hit || chord.leave <= 0) return 0;
-  const double enter = std::max(chord.enter, 0.0), leave = chord.leave;
-  const auto meeting = surface.meet(view.eye + enter * way, view.eye + leave * way);
-  if (meeting.kind != Surface::Meeting::Kind::hit) return 0;
-  return enter + meeting.t * (leave - enter);
-}
-
 /// Draws the row of a view with its upper left corner at (left, top).
 void draw(const Prepared& found, const SmallView& view, std::uint32_t cell, std::uint32_t left,
           std::uint32_t top, Image& image) {
@@ -67,8 +55,9 @@ void draw(const Prepared& found, const SmallView& view, std::uint32_t cell, std:
           glm::vec3(view.rgba[p]) / 255.0f, color_of_depth(shown ? depth : 0, nearest, farthest),
           shown && !view.confirmed.empty() ? color_of_confirmations(view.confirmed[p])
                                            : glm::vec3(0),
-          color_of_depth(depth_of_surface(found.surface, found.sphere, view, px, py), nearest,
-                         farthest)};
+          color_of_depth(
+              found.surface.first_hit(found.sphere, view.eye, view.direction(px, py)).value_or(0),
+              nearest, farthest)};
       for (std::uint32_t k = 0; k < kCells; ++k)
         image.rgba[std::size_t{top + y} * image.width + left + k * (cell + kGap) + x] =
             glm::vec4(colors[k], 1);

@@ -10,6 +10,7 @@
 #include <optional>
 
 #include "base/file.h"
+#include "base/join.h"
 #include "base/reporter.h"
 #include "base/try.h"
 #include "field/image/formats.h"
@@ -124,8 +125,7 @@ double median(std::vector<double> values) {
 double disagreement(const std::vector<SmallView>& views, DepthKind kind, double scale) {
   std::vector<double> differences;
   const auto world_z = [&](const SmallView& view, double x, double y, std::size_t p) {
-    const glm::dvec3 way((x - view.cx) / view.fx, (y - view.cy) / view.fy, 1);
-    return double{along_z(view.depth[p], kind, scale, way)};
+    return double{along_z(view.depth[p], kind, scale, view.in_camera(x, y))};
   };
   for (std::size_t k = 0; k < views.size(); ++k) {
     const SmallView& view = views[k];
@@ -141,12 +141,10 @@ double disagreement(const std::vector<SmallView>& views, DepthKind kind, double 
         const double z = world_z(view, x + 0.5, y + 0.5, p);
         if (!(z > 0) || view.rgba[p].a < 250) continue;
         const glm::dvec3 at = views[other].project(view.eye + z * view.direction(x + 0.5, y + 0.5));
-        if (!(at.z > 0 && at.x >= 0 && at.y >= 0 && at.x < views[other].width &&
-              at.y < views[other].height))
-          continue;
-        const auto ox = static_cast<std::uint32_t>(at.x), oy = static_cast<std::uint32_t>(at.y);
+        const auto pixel = views[other].pixel_at(at);
+        if (!pixel) continue;
         const double seen =
-            world_z(views[other], ox + 0.5, oy + 0.5, std::size_t{oy} * views[other].width + ox);
+            world_z(views[other], std::floor(at.x) + 0.5, std::floor(at.y) + 0.5, *pixel);
         if (seen > 0) differences.push_back(std::abs(seen - at.z) / at.z);
       }
   }
@@ -255,9 +253,8 @@ Result<Loaded> load_views(const Sphere& sphere, const PictureSceneOptions& optio
   loaded.masks = masks;
   loaded.depths = with_depth > 0 && 2 * with_depth >= kept;
   if (with_depth > 0 && with_depth < kept)
-    notes.push_back(std::to_string(with_depth) + " of " + std::to_string(kept) +
-                    " pictures have depth: " +
-                    (loaded.depths ? "of the others, it is not known" : "it is not used"));
+    notes.push_back(concat(with_depth, " of ", kept, " pictures have depth: ",
+                           loaded.depths ? "of the others, it is not known" : "it is not used"));
   for (SmallView& view : loaded.views) view.depth.resize(loaded.depths ? view.rgba.size() : 0);
   for (const std::string& note : notes)
     if (options.on_note) options.on_note(set.source + ": " + note);
@@ -290,8 +287,7 @@ Result<void> settle_depths(const PictureSet& set, const PictureSceneOptions& opt
     for (std::uint32_t y = 0; y < view.height; ++y)
       for (std::uint32_t x = 0; x < view.width; ++x) {
         float& depth = view.depth[std::size_t{y} * view.width + x];
-        depth = along_z(depth, loaded.kind, options.depth_scale,
-                        {(x + 0.5 - view.cx) / view.fx, (y + 0.5 - view.cy) / view.fy, 1});
+        depth = along_z(depth, loaded.kind, options.depth_scale, view.in_camera(x + 0.5, y + 0.5));
       }
   return {};
 }

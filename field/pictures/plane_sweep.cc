@@ -293,11 +293,9 @@ std::vector<std::uint8_t> confirmations(std::size_t number, const std::vector<Sm
       const glm::dvec3 world = view.eye + double{view.depth[p]} * view.direction(x + 0.5, y + 0.5);
       for (const std::size_t k : near) {
         const glm::dvec3 at = views[k].project(world);
-        if (!(at.z > 0 && at.x >= 0 && at.y >= 0 && at.x < views[k].width &&
-              at.y < views[k].height))
-          continue;
-        const float other = views[k].depth[static_cast<std::size_t>(at.y) * views[k].width +
-                                           static_cast<std::size_t>(at.x)];
+        const auto pixel = views[k].pixel_at(at);
+        if (!pixel) continue;
+        const float other = views[k].depth[*pixel];
         counts[p] += other > 0 && std::abs(other - at.z) < kAgreement * at.z;
       }
     }

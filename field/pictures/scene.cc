@@ -8,7 +8,6 @@
 #include <optional>
 #include <stdexcept>
 
-#include "base/file.h"
 #include "base/try.h"
 #include "field/pictures/camera_index.h"
 #include "field/pictures/picture_cache.h"
@@ -203,11 +202,9 @@ class PictureScene final : public Scene {
   /// Throws std::runtime_error if the picture cannot be read.
   [[nodiscard]] std::shared_ptr<const Pixels> load(std::size_t number) const {
     const Picture& picture = set_.pictures[number];
-    const auto bytes = read_file(picture.file, kMaxPictureBytes);
-    if (!bytes) throw std::runtime_error(bytes.error().message);
     Picture colors = picture;
     colors.depth.clear();
-    auto image = decode_picture(colors, *bytes);
+    const auto image = load_picture(colors);
     if (!image) throw std::runtime_error(image.error().message);
     auto pixels = std::make_shared<Pixels>(*image);
     const Lens& lens = picture.lens;
@@ -225,15 +222,9 @@ class PictureScene final : public Scene {
 
   /// Of the surface, along z; infinity where a picture sees none.
   [[nodiscard]] float depth_at(const Picture& picture, const glm::dvec2& place) const {
-    constexpr float kNone = std::numeric_limits<float>::infinity();
     const glm::dvec3 in_camera = picture.lens.direction(place);
-    const glm::dvec3 way = picture.axes * in_camera;
-    const Chord chord = intersect(sphere_, picture.eye, way);
-    if (!chord.hit || chord.leave <= 0) return kNone;
-    const double enter = std::max(chord.enter, 0.0), leave = chord.leave;
-    const auto meeting = surface_.meet(picture.eye + enter * way, picture.eye + leave * way);
-    if (meeting.kind != Surface::Meeting::Kind::hit) return kNone;
-    return static_cast<float>((enter + meeting.t * (leave - enter)) * in_camera.z);
+    const auto hit = surface_.first_hit(sphere_, picture.eye, picture.axes * in_camera);
+    return hit ? static_cast<float>(*hit * in_camera.z) : std::numeric_limits<float>::infinity();
   }
 
   PictureSet set_;

@@ -118,4 +118,14 @@ Surface::Meeting Surface::meet(const glm::dvec3& from, const glm::dvec3& to) con
   return {};
 }
 
+std::optional<double> Surface::first_hit(const Sphere& sphere, const glm::dvec3& eye,
+                                         const glm::dvec3& way) const {
+  const Chord chord = intersect(sphere, eye, way);
+  if (!chord.hit || chord.leave <= 0) return std::nullopt;
+  const double enter = std::max(chord.enter, 0.0), leave = chord.leave;
+  const Meeting meeting = meet(eye + enter * way, eye + leave * way);
+  if (meeting.kind != Meeting::Kind::hit) return std::nullopt;
+  return enter + meeting.t * (leave - enter);
+}
+
 }  // namespace slf

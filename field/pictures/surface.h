@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <glm/glm.hpp>
+#include <optional>
 #include <vector>
 
 #include "slf/shape.h"
@@ -45,6 +46,9 @@ class Surface {
   };
   /// Rays that miss, but come nearer than about a voxel, are `near`.
   [[nodiscard]] Meeting meet(const glm::dvec3& from, const glm::dvec3& to) const;
+  /// Where a ray from `eye` first hits the object within a sphere, in lengths of `way`.
+  [[nodiscard]] std::optional<double> first_hit(const Sphere& sphere, const glm::dvec3& eye,
+                                                const glm::dvec3& way) const;
 
  private:
   static constexpr std::uint32_t kBlock = 8;

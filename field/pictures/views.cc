@@ -114,11 +114,9 @@ Result<void> fuse(const std::vector<SmallView>& views, bool hull, double hull_we
         double count = hull_weight, sum = outside * count;
         for (const SmallView& view : views) {
           const glm::dvec3 at = view.project(world);
-          if (!(at.z > 0 && at.x >= 0 && at.y >= 0 && at.x < view.width && at.y < view.height))
-            continue;
-          const float depth = view.depth[static_cast<std::size_t>(at.y) * view.width +
-                                         static_cast<std::size_t>(at.x)];
-          if (!(depth > 0)) continue;
+          const auto pixel = view.pixel_at(at);
+          if (!pixel || !(view.depth[*pixel] > 0)) continue;
+          const float depth = view.depth[*pixel];
           const double distance = (depth - at.z) / reach;
           if (distance < -1) continue;
           sum += std::min(distance, 1.0);

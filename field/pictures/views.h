@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <glm/glm.hpp>
+#include <optional>
 #include <vector>
 
 #include "field/pictures/surface.h"
@@ -26,10 +27,17 @@ struct SmallView {
     const glm::dvec3 v = (world - eye) * axes;
     return {fx * v.x / v.z + cx, fy * v.y / v.z + cy, v.z};
   }
-  /// Of z 1.
-  [[nodiscard]] glm::dvec3 direction(double x, double y) const {
-    return axes * glm::dvec3((x - cx) / fx, (y - cy) / fy, 1);
+  /// The number of the pixel at a place that project() found; none outside of the picture.
+  [[nodiscard]] std::optional<std::size_t> pixel_at(const glm::dvec3& place) const {
+    if (!(place.z > 0 && place.x >= 0 && place.y >= 0 && place.x < width && place.y < height))
+      return std::nullopt;
+    return static_cast<std::size_t>(place.y) * width + static_cast<std::size_t>(place.x);
   }
+  /// Directions of z 1, in the camera's axes and in the world.
+  [[nodiscard]] glm::dvec3 in_camera(double x, double y) const {
+    return {(x - cx) / fx, (y - cy) / fy, 1};
+  }
+  [[nodiscard]] glm::dvec3 direction(double x, double y) const { return axes * in_camera(x, y); }
 };
 
 /// Shrinks and undistorts a picture: its pixels become `factor` times as large.

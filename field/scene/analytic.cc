@@ -6,6 +6,7 @@
 #include <cmath>
 #include <span>
 
+#include "base/join.h"
 #include "base/owned_json.h"
 
 namespace slf {
@@ -149,9 +150,8 @@ Result<std::unique_ptr<Scene>> make_analytic_scene(std::string_view name) {
   } else if (name == "fog") {
     balls = make_fog();
   } else {
-    std::string known;
-    for (const auto& n : analytic_scene_names()) known += (known.empty() ? "" : ", ") + n;
-    return fail(ErrorCode::usage, "unknown scene '", name, "'; known: ", known);
+    return fail(ErrorCode::usage, "unknown scene '", name,
+                "'; known: ", joined(analytic_scene_names()));
   }
   return std::unique_ptr<Scene>(new Balls(std::string(name), std::move(balls)));
 }

@@ -58,9 +58,7 @@ std::vector<float> depth_from_outside(const Medium& medium, const LightGrid& lig
                                       const std::vector<float>& extinction) {
   const glm::ivec3 dims(light.dims[0], light.dims[1], light.dims[2]);
   const Neighbourhood near = neighbours(medium, light);
-  const auto number = [&](const glm::ivec3& at) {
-    return (static_cast<std::size_t>(at.z) * dims.y + at.y) * dims.x + at.x;
-  };
+  const auto number = [&](const glm::ivec3& at) { return number_in(light.dims, at); };
   std::vector<float> depth(light.size(), 1e30f);
   for (std::size_t k = 0; k < depth.size() && !medium.grid().clip.empty(); ++k) {
     const double below =
@@ -107,9 +105,7 @@ bool near_matter(const RayGrid& grid, const LightGrid& light, const glm::ivec3& 
   for (int z = from.z; z <= to.z; ++z)
     for (int y = from.y; y <= to.y; ++y)
       for (int x = from.x; x <= to.x; ++x)
-        if (grid.distance[(static_cast<std::size_t>(z) * grid.bricks[1] + y) * grid.bricks[0] +
-                          x] == 0)
-          return true;
+        if (grid.distance[number_in(grid.bricks, {x, y, z})] == 0) return true;
   return false;
 }
 

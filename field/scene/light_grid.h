@@ -38,6 +38,12 @@ struct ArrivingLight {
 /// Luminance of linear RGB, Rec. 709.
 inline constexpr glm::vec3 kLuminance{0.2126f, 0.7152f, 0.0722f};
 
+/// The number of a place in a grid of these dimensions, x fastest.
+[[nodiscard]] inline std::size_t number_in(const std::array<std::int32_t, 3>& dims,
+                                           const glm::ivec3& at) {
+  return (static_cast<std::size_t>(at.z) * dims[1] + at.y) * dims[0] + at.x;
+}
+
 /// A light of the rig, as rays see its middle. Padded for vectors.
 struct GridLight {
   glm::vec4 irradiance{0};  ///< at the centre of the scene
@@ -121,7 +127,7 @@ void for_each_neighbour(const LightGrid& light, std::size_t number, const F& f) 
         const glm::ivec3 offset(x, y, z), to = at + offset;
         if (glm::any(glm::lessThan(to, glm::ivec3(0))) || glm::any(glm::greaterThanEqual(to, dims)))
           continue;
-        f((static_cast<std::size_t>(to.z) * dims.y + to.y) * dims.x + to.x, offset);
+        f(number_in(light.dims, to), offset);
       }
 }
 
@@ -225,8 +231,7 @@ inline void pack_light(const ArrivingLight& light, std::uint8_t* node) {
   for (int corner = 0; corner < 8; ++corner) {
     const glm::ivec3 step(corner & 1, corner >> 1 & 1, corner >> 2);
     const glm::ivec3 n = glm::min(a + step, last);
-    const std::size_t number =
-        (static_cast<std::size_t>(n.z) * light.dims[1] + n.y) * light.dims[0] + n.x;
+    const std::size_t number = number_in(light.dims, n);
     const std::uint8_t* node = light.nodes.data() + LightGrid::kNodeBytes * number;
     if (node[kChannels] == 0) return std::nullopt;
     if (node[kChannels] == kMissingNode) light.missed->add(number);

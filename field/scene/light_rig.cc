@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "base/file.h"
+#include "base/join.h"
 #include "base/nesting.h"
 
 namespace slf {
@@ -101,7 +102,7 @@ class Members {
 
 Result<LightRig> parse_rig(const std::string& text, const std::string& source) {
   const auto bad = [&](const std::string& what) {
-    return fail(ErrorCode::bad_file, source, ": not a light rig: ", what);
+    return bad_file(source, "not a light rig: ", what);
   };
   json rig;
   try {
@@ -146,18 +147,16 @@ std::span<const LightRig> built_in_rigs() {
 }
 
 Result<LightRig> read_rig(const std::string& reference) {
-  std::string names;
-  for (const LightRig& rig : built_in_rigs()) {
+  for (const LightRig& rig : built_in_rigs())
     if (rig.name == reference) return rig;
-    names += (names.empty() ? "" : ", ") + rig.name;
-  }
   constexpr std::uint64_t kMaxBytes = 1 << 20;
   const auto bytes = read_file(reference, kMaxBytes);
   if (!bytes && bytes.error().code == ErrorCode::not_found &&
       reference.find_first_of("./") == std::string::npos)
-    return fail(ErrorCode::usage, "light rig '", reference, "': neither a file nor one of ", names);
+    return fail(ErrorCode::usage, "light rig '", reference, "': neither a file nor one of ",
+                joined(built_in_rigs(), ", ", &LightRig::name));
   if (!bytes) return tl::unexpected(bytes.error());
-  return parse_rig({reinterpret_cast<const char*>(bytes->data()), bytes->size()}, reference);
+  return parse_rig(std::string(chars_of(*bytes)), reference);
 }
 
 std::string to_json(const LightRig& rig) {

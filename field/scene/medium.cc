@@ -13,23 +13,6 @@
 namespace slf {
 namespace {
 
-/// Calls f with a null pointer to the type of the grid's voxels.
-template <class F>
-auto visit_type(ScalarType type, const F& f) {
-  switch (type) {
-    case ScalarType::u8:
-      return f(static_cast<const std::uint8_t*>(nullptr));
-    case ScalarType::i8:
-      return f(static_cast<const std::int8_t*>(nullptr));
-    case ScalarType::u16:
-      return f(static_cast<const std::uint16_t*>(nullptr));
-    case ScalarType::i16:
-      return f(static_cast<const std::int16_t*>(nullptr));
-    default:
-      return f(static_cast<const float*>(nullptr));
-  }
-}
-
 struct Cell {
   glm::ivec3 first;
   glm::vec3 within;
@@ -48,8 +31,8 @@ void load(const RayGrid& grid, const glm::ivec3& first, bool visible, float* to)
   const glm::ivec3 dims(grid.dims[0], grid.dims[1], grid.dims[2]);
   const bool inside = glm::all(glm::greaterThanEqual(first, glm::ivec3(0))) &&
                       glm::all(glm::lessThanEqual(first + N, dims));
-  visit_type(grid.type, [&](auto null) {
-    const auto* voxels = reinterpret_cast<decltype(null)>(grid.voxels);
+  with_grid_type(grid.type, [&]<class T>(T) {
+    const auto* voxels = reinterpret_cast<const T*>(grid.voxels);
     if (inside && !visible) {
       const auto* row = voxels + (std::ptrdiff_t{first.z} * dims.y + first.y) * dims.x + first.x;
       for (int z = 0; z < N; ++z, row += std::ptrdiff_t{dims.y - N} * dims.x)
@@ -90,8 +73,8 @@ inline auto trilinear(const glm::vec3& w, const F& f) {
 inline float value_in(const RayGrid& grid, const Cell& cell) {
   const std::ptrdiff_t row = grid.dims[0], slice = row * grid.dims[1];
   const std::ptrdiff_t first = cell.first.z * slice + cell.first.y * row + cell.first.x;
-  return visit_type(grid.type, [&](auto null) {
-    const auto* corner = reinterpret_cast<decltype(null)>(grid.voxels) + first;
+  return with_grid_type(grid.type, [&]<class T>(T) {
+    const auto* corner = reinterpret_cast<const T*>(grid.voxels) + first;
     return trilinear(cell.within, [&](int x, int y, int z) {
       return static_cast<float>(corner[z * slice + y * row + x]);
     });
@@ -194,8 +177,7 @@ std::size_t Medium::entry(const glm::dvec3& at) const {
   std::size_t row = 0;
   if (!grid_.rows.empty()) {
     const glm::ivec3 voxel = cell.first + glm::ivec3(glm::step(0.5f, cell.within));
-    row = grid_.rows[(static_cast<std::size_t>(voxel.z) * grid_.dims[1] + voxel.y) * grid_.dims[0] +
-                     voxel.x];
+    row = grid_.rows[number_in(grid_.dims, voxel)];
   }
   return row * grid_.table.entries + entry_of(grid_.table, value_in(grid_, cell));
 }
@@ -292,8 +274,7 @@ HWY_INLINE Medium::Brick Medium::brick(const glm::dvec3& from, const glm::dvec3&
   for (int axis = 0; axis < 3; ++axis)
     at[axis] = std::clamp(static_cast<int>(from[axis] + t * direction[axis]) >> kBrickShift, 0,
                           grid_.bricks[static_cast<std::size_t>(axis)] - 1);
-  const std::size_t number =
-      (static_cast<std::size_t>(at.z) * grid_.bricks[1] + at.y) * grid_.bricks[0] + at.x;
+  const std::size_t number = number_in(grid_.bricks, at);
   const int distance = grid_.distance[number];
   const int reach = std::max(distance, 1);
   double end = std::numeric_limits<double>::max();

@@ -102,18 +102,7 @@ void march_typed(const RayGrid& grid, const float* extinctions, const glm::vec3&
 
 void march_any(const RayGrid& grid, const float* extinctions, const glm::vec3& from,
                const glm::vec3& step, float* to) {
-  switch (grid.type) {
-    case ScalarType::u8:
-      return march_typed<std::uint8_t>(grid, extinctions, from, step, to);
-    case ScalarType::i8:
-      return march_typed<std::int8_t>(grid, extinctions, from, step, to);
-    case ScalarType::u16:
-      return march_typed<std::uint16_t>(grid, extinctions, from, step, to);
-    case ScalarType::i16:
-      return march_typed<std::int16_t>(grid, extinctions, from, step, to);
-    default:
-      return march_typed<float>(grid, extinctions, from, step, to);
-  }
+  with_grid_type(grid.type, [&]<class T>(T) { march_typed<T>(grid, extinctions, from, step, to); });
 }
 
 }  // namespace

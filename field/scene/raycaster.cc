@@ -117,8 +117,7 @@ std::optional<LightGrid> saved_light(const std::string& path, const std::string&
                                      LightGrid plan) {
   // Not a byte more of a file that is something else: it may be large.
   const auto is_light = [](ByteSpan start) -> Result<void> {
-    const auto* text = reinterpret_cast<const char*>(start.data());
-    if (std::string_view(text, start.size()).starts_with(kLightMagic)) return {};
+    if (chars_of(start).starts_with(kLightMagic)) return {};
     return fail(ErrorCode::bad_file, "no light volume");
   };
   const auto bytes = read_file(path, std::uint64_t{1} << 40, is_light);

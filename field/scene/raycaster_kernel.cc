@@ -452,20 +452,11 @@ RayCounts trace_typed(const RayGrid& grid, std::span<const Segment> rays,
 }
 
 RayCounts trace_any(const RayGrid& grid, std::span<const Segment> rays, std::span<RaySample> out) {
-  switch (grid.type) {
-    case ScalarType::u8:
-      return grid.labels ? trace_typed<std::uint8_t, true>(grid, rays, out)
-                         : trace_typed<std::uint8_t, false>(grid, rays, out);
-    case ScalarType::u16:
-      return grid.labels ? trace_typed<std::uint16_t, true>(grid, rays, out)
-                         : trace_typed<std::uint16_t, false>(grid, rays, out);
-    case ScalarType::i8:
-      return trace_typed<std::int8_t, false>(grid, rays, out);
-    case ScalarType::i16:
-      return trace_typed<std::int16_t, false>(grid, rays, out);
-    default:
-      return trace_typed<float, false>(grid, rays, out);
-  }
+  return with_grid_type(grid.type, [&]<class T>(T) {
+    if constexpr (std::is_unsigned_v<T>)
+      if (grid.labels) return trace_typed<T, true>(grid, rays, out);
+    return trace_typed<T, false>(grid, rays, out);
+  });
 }
 
 }  // namespace

@@ -88,6 +88,24 @@ struct RayGrid {
   float inverse_gradient_floor = 0;  ///< 1 / length; shading fades out for shorter gradients
 };
 
+/// Calls `visitor` with a zero of the type of a grid's voxels, one of those above, and returns what
+/// it returns. As with_type(), which would compile kernels for ten types.
+template <class Visitor>
+decltype(auto) with_grid_type(ScalarType type, const Visitor& visitor) {
+  switch (type) {
+    case ScalarType::u8:
+      return visitor(std::uint8_t{});
+    case ScalarType::i8:
+      return visitor(std::int8_t{});
+    case ScalarType::u16:
+      return visitor(std::uint16_t{});
+    case ScalarType::i16:
+      return visitor(std::int16_t{});
+    default:
+      return visitor(float{});
+  }
+}
+
 /// Traces each ray to one sample. Selects the best instruction set at run time. A ray's sample does
 /// not depend on the other rays.
 RayCounts trace_rays(const RayGrid& grid, std::span<const Segment> rays, std::span<RaySample> out);

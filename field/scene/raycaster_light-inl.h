@@ -203,9 +203,8 @@ HWY_INLINE void find_light(const RayGrid& grid, Samples<S>& samples) {
     }
     const Floats beside =
         hn::Set(kFloats, kLookUpBeside) * mean_surface / (total * hn::Sqrt(length2));
-    find_position(samples, hn::Load(kFloats, samples.center + i), i, at);
+    find_place(samples, hn::Load(kFloats, samples.center + i), i, at);
     for (int axis = 0; axis < 3; ++axis) {
-      at[axis] = at[axis] + hn::ConvertTo(kFloats, hn::Load(kInts, samples.cell[axis] + i));
       nodes[axis] =
           hn::MulAdd(at[axis] - hn::Set(kFloats, static_cast<float>(light.low[axis])),
                      hn::Set(kFloats, static_cast<float>(1 / light.spacing)), beside * aside[axis]);

@@ -335,6 +335,17 @@ HWY_INLINE void turn_to_clip(const RayGrid& grid, const Floats (&at)[3], Floats 
     turn_to_face(below(plane, at), hn::Set(kFloats, 1.f), plane.outwards, normal);
 }
 
+/// The part of normals towards the direct light, and their lengths squared, above 0.
+HWY_INLINE void measure(const RayGrid& grid, const Floats (&normal)[3], Floats& toward,
+                        Floats& length2) {
+  toward = hn::Zero(kFloats);
+  length2 = hn::Set(kFloats, 1e-30f);
+  for (int axis = 0; axis < 3; ++axis) {
+    toward = hn::MulAdd(normal[axis], hn::Set(kFloats, grid.light[axis]), toward);
+    length2 = hn::MulAdd(normal[axis], normal[axis], length2);
+  }
+}
+
 /// Multiplies the pieces' shares by ambient and Lambertian light at several places of each, because
 /// normals change quickly below a surface.
 template <class S>
@@ -349,12 +360,9 @@ HWY_INLINE void shade(const RayGrid& grid, Samples<S>& samples) {
         const Floats place =
             hn::MulAdd(hn::Set(kFloats, offset), hn::Load(kFloats, samples.reach[k] + i),
                        hn::Load(kFloats, samples.place[k] + i));
-        Floats normal[3], toward = hn::Zero(kFloats), length2 = hn::Set(kFloats, 1e-30f);
+        Floats normal[3], toward, length2;
         normals(place, normal);
-        for (int axis = 0; axis < 3; ++axis) {
-          toward = hn::MulAdd(normal[axis], hn::Set(kFloats, grid.light[axis]), toward);
-          length2 = hn::MulAdd(normal[axis], normal[axis], length2);
-        }
+        measure(grid, normal, toward, length2);
         // Small gradients are unreliable: fade their shading out.
         Floats inverse = inverse_sqrt(length2);
         Floats sure =
@@ -365,12 +373,7 @@ HWY_INLINE void shade(const RayGrid& grid, Samples<S>& samples) {
           Floats at[3];
           find_place(samples, place, i, at);
           turn_to_clip(grid, at, normal);
-          toward = hn::Zero(kFloats);
-          length2 = hn::Set(kFloats, 1e-30f);
-          for (int axis = 0; axis < 3; ++axis) {
-            toward = hn::MulAdd(normal[axis], hn::Set(kFloats, grid.light[axis]), toward);
-            length2 = hn::MulAdd(normal[axis], normal[axis], length2);
-          }
+          measure(grid, normal, toward, length2);
           inverse = inverse_sqrt(length2);
           sure = length2 * inverse;
         }

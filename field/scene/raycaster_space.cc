@@ -25,8 +25,7 @@ class Visibility {
     bool labelled = false, shown = grid_.rows.empty();
     for (int z = first.z; z <= last.z; ++z)
       for (int y = first.y; y <= last.y; ++y) {
-        const T* row =
-            voxels_.data() + (static_cast<std::size_t>(z) * grid_.dims[1] + y) * grid_.dims[0];
+        const T* row = voxels_.data() + number_in(grid_.dims, {0, y, z});
         for (int x = first.x; x <= last.x; ++x) {
           low = std::min(low, row[x]);
           high = std::max(high, row[x]);
@@ -106,7 +105,7 @@ class ColumnRanges {
     const int z_last = std::min(z_brick * kBrick + kBrick, grid_.dims[2] - 1);
     for (int z = z_brick * kBrick; z <= z_last; ++z)
       for (int y = y_brick * kBrick; y <= y_last; ++y) {
-        const T* row = voxels_.data() + (static_cast<std::size_t>(z) * grid_.dims[1] + y) * width;
+        const T* row = voxels_.data() + number_in(grid_.dims, {0, y, z});
         for (std::size_t x = 0; x < width; ++x) {
           low[x] = std::min(low[x], row[x]);
           high[x] = std::max(high[x], row[x]);
@@ -208,9 +207,8 @@ std::vector<CellRun> find_runs(const RayGrid& grid) {
   static_assert(kBrick == 2);
   const auto shows = [&](glm::ivec3 cell) {
     const glm::ivec3 brick = cell >> kBrickShift;
-    const std::size_t number =
-        (static_cast<std::size_t>(brick.z) * grid.bricks[1] + brick.y) * grid.bricks[0] + brick.x;
-    return (grid.visible_cells[number] >> ((cell.x & 1) | (cell.y & 1) << 1 | (cell.z & 1) << 2) &
+    return (grid.visible_cells[number_in(grid.bricks, brick)] >>
+                ((cell.x & 1) | (cell.y & 1) << 1 | (cell.z & 1) << 2) &
             1) != 0;
   };
   std::vector<CellRun> runs;

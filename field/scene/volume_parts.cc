@@ -4,9 +4,10 @@
 #include <cmath>
 #include <limits>
 #include <optional>
-#include <sstream>
 #include <unordered_map>
 
+#include "base/join.h"
+#include "base/try.h"
 #include "field/look/transfer_color.h"
 #include "field/volume/voxels.h"
 
@@ -26,10 +27,7 @@ std::string extent_of(const Volume& volume) {
     low = glm::min(low, at);
     high = glm::max(high, at);
   }
-  std::ostringstream text;
-  text << low.x << ',' << low.y << ',' << low.z << " to " << high.x << ',' << high.y << ','
-       << high.z;
-  return text.str();
+  return concat(low.x, ",", low.y, ",", low.z, " to ", high.x, ",", high.y, ",", high.z);
 }
 
 /// Finds the voxel of one volume at each voxel of another: the nearest by world position.
@@ -81,9 +79,9 @@ Result<void> visit_nearest(const char* what, const Volume& other, const Volume& 
         if (!visit(voxel++, found)) return {};
       }
   if (overlap) return {};
-  return fail(ErrorCode::usage, other.source, ": ", what, " lies at ", extent_of(other),
-              ", wholly outside of ", grid.source, " at ", extent_of(grid),
-              ": do both state their positions in the same space?");
+  return misuse(other.source, what, " lies at ", extent_of(other), ", wholly outside of ",
+                grid.source, " at ", extent_of(grid),
+                ": do both state their positions in the same space?");
 }
 
 /// Adds a copy of the first row in another colour and with `factor` of its opacity.
@@ -137,7 +135,7 @@ Result<void> add_parts(const VolumeParts& parts, const Volume& volume, RayGrid& 
       return row_of.emplace(id, row).first->second;
     };
     bool fits = true;
-    auto ok = visit_voxels(*labels, [&](auto ids) {
+    SLF_TRY(visit_voxels(*labels, [&](auto ids) {
       return visit_nearest("a label volume", *labels, volume, [&](auto voxel, auto found) {
         const auto row = row_of_id(
             found ? labels->slope * static_cast<double>(ids[*found]) + labels->intercept : 0.0);
@@ -145,11 +143,8 @@ Result<void> add_parts(const VolumeParts& parts, const Volume& volume, RayGrid& 
         if (row) grid.rows[voxel] = *row;
         return fits;
       });
-    });
-    if (!ok) return ok;
-    if (!fits)
-      return fail(ErrorCode::unsupported, labels->source, ": more than ", kMaxRows - 2,
-                  " different labels");
+    }));
+    if (!fits) return unsupported(labels->source, "more than ", kMaxRows - 2, " different labels");
   }
   if (const Volume* mask = parts.mask.get()) {
     const std::uint8_t hidden = add(std::nullopt, 0);

@@ -51,8 +51,7 @@ Result<std::vector<double>> renumber_labels(Volume& volume) {
     return true;
   });
   if (!fits)
-    return fail(ErrorCode::unsupported, volume.source,
-                ": more than 65536 different labels; is this a label volume?");
+    return unsupported(volume.source, "more than 65536 different labels; is this a label volume?");
   volume.type = ScalarType::u16;
   return labels;
 }
@@ -75,11 +74,9 @@ std::array<float, 2> stored_range(const Volume& volume) {
 void replace_nonfinite(Volume& volume, float with) {
   if (volume.type != ScalarType::f32) return;
   if (volume.borrowed) {  // rarely needed, so it is worth looking before copying
-    const auto finite = visit_voxels(volume, [](auto from) {
-      return std::all_of(from.begin(), from.end(),
-                         [](auto v) { return std::isfinite(static_cast<float>(v)); });
-    });
-    if (finite) return;
+    const std::span from(reinterpret_cast<const float*>(volume.borrowed.get()),
+                         volume.voxel_count());
+    if (std::ranges::all_of(from, [](float v) { return std::isfinite(v); })) return;
     own(volume, {volume.bytes().begin(), volume.bytes().end()});
   }
   auto* voxels = reinterpret_cast<float*>(volume.voxels.data());
@@ -139,8 +136,7 @@ Result<std::unique_ptr<VolumeScene>> make_volume_scene(Volume volume,
   grid.step = options.step;
 
   if (v.labels && options.projection != Projection::none)
-    return fail(ErrorCode::usage, v.source,
-                ": a projection needs amounts, but this volume holds labels");
+    return misuse(v.source, "a projection needs amounts, but this volume holds labels");
   grid.projection = options.projection;
   grid.labels = v.labels;
   float contrast = 1;
@@ -167,11 +163,11 @@ Result<std::unique_ptr<VolumeScene>> make_volume_scene(Volume volume,
   }
 
   if (!options.parts.only.empty() && !v.labels && !options.parts.labels)
-    return fail(ErrorCode::usage, v.source, ": has no labels, of which only some could be shown");
+    return misuse(v.source, "has no labels, of which only some could be shown");
   if (options.parts.labels || options.parts.mask) {
     if (v.labels)
-      return fail(ErrorCode::usage, v.source,
-                  ": structures are parts of a volume of amounts, but this one holds labels");
+      return misuse(v.source,
+                    "structures are parts of a volume of amounts, but this one holds labels");
     SLF_TRY(add_parts(options.parts, v, grid));
     for (const auto& part : {options.parts.labels, options.parts.mask})
       if (part) v.files.insert(v.files.end(), part->files.begin(), part->files.end());
@@ -186,8 +182,8 @@ Result<std::unique_ptr<VolumeScene>> make_volume_scene(Volume volume,
   for (int axis = 0; axis < 3; ++axis) {
     grid.dims[axis] = static_cast<std::int32_t>(v.dims[axis]);
     if (grid.dims[axis] < 2)
-      return fail(ErrorCode::unsupported, v.source, ": a volume needs at least 2 voxels along ",
-                  "xyz"[axis], ", found ", v.dims[axis]);
+      return unsupported(v.source, "a volume needs at least 2 voxels along ", "xyz"[axis],
+                         ", found ", v.dims[axis]);
     grid.cells[axis] = grid.dims[axis] - 1;
   }
   grid.cell_shift = v.labels || !grid.rows.empty() ? 1 : 0;
@@ -217,9 +213,9 @@ Result<std::unique_ptr<VolumeScene>> make_volume_scene(Volume volume,
 
   const std::optional<Sphere> bounds = find_visible_space(v, grid);
   if (!bounds && !finite)
-    return fail(ErrorCode::bad_file, v.source,
-                ": all values are NaN or infinite: nothing is "
-                "visible under any transfer function; write the volume again");
+    return bad_file(v.source,
+                    "all values are NaN or infinite: nothing is visible under any transfer "
+                    "function; write the volume again");
   if (!bounds && !options.parts.only.empty())
     return fail_without("only_labels", ErrorCode::failed, v.source,
                         ": no visible voxel has one of the labels to show");

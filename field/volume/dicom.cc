@@ -8,7 +8,6 @@
 #include "base/try.h"
 #include "field/volume/dicom_elements.h"
 #include "field/volume/io.h"
-#include "slf/tone.h"
 
 namespace slf::volume_io {
 
@@ -16,7 +15,6 @@ namespace {
 
 enum Tag : DicomTag {
   kDirectoryRecords = 0x00041220,
-  kCharacterSet = 0x00080005,
   kImageType = 0x00080008,
   kSopClass = 0x00080016,
   kSopInstance = 0x00080018,
@@ -68,13 +66,8 @@ enum Tag : DicomTag {
   kMatrixColumns = 0x00480006,
   kReferenceTime = 0x00541300,
   kDetectors = 0x00540022,
-  kSegmentationType = 0x00620001,
-  kSegments = 0x00620002,
   kSegmentNumber = 0x00620004,
-  kSegmentLabel = 0x00620005,
   kReferencedSegment = 0x0062000b,
-  kSegmentColor = 0x0062000d,
-  kMaximumFraction = 0x0062000e,
   kFrameOffsets = 0x3004000c,
   kDoseScale = 0x3004000e,
   kSharedGroups = 0x52009229,
@@ -82,24 +75,6 @@ enum Tag : DicomTag {
   kFloatPixels = 0x7fe00008,
   kDoublePixels = 0x7fe00009,
 };
-
-/// Text as UTF-8. Characters of sets other than Latin-1 and UTF-8 become '?'.
-std::string utf8_of(const DicomLookup& values, DicomTag tag, const std::string& character_set) {
-  std::string text = values.text(tag);
-  if (character_set == "ISO_IR 192") return text;
-  const bool latin_1 = character_set.empty() || character_set == "ISO_IR 100";
-  std::string result;
-  for (const char c : text) {
-    const auto code = static_cast<unsigned char>(c);
-    if (code < 128)
-      result += c;
-    else if (latin_1)
-      result += {static_cast<char>(0xc0 | code >> 6), static_cast<char>(0x80 | (code & 63))};
-    else
-      result += '?';
-  }
-  return result;
-}
 
 /// Whether a file is of a kind that has no picture: a directory, report, structure set,
 /// presentation state, document, waveform or raw data. Any other file without a picture is damaged.
@@ -236,50 +211,6 @@ Result<void> read_format(const DicomLookup& file, DicomSlice& slice) {
                : bits == 16 ? (is_signed ? ScalarType::i16 : ScalarType::u16)
                             : (is_signed ? ScalarType::i32 : ScalarType::u32);
   return read_color(file, slice);
-}
-
-/// CIELab as DICOM encodes it (white is D50) to sRGB, 0 to 1.
-glm::dvec3 srgb_of_lab(const std::vector<std::uint32_t>& encoded) {
-  const double l = encoded[0] * 100 / 65535.0;
-  const double a = encoded[1] * 255 / 65535.0 - 128, b = encoded[2] * 255 / 65535.0 - 128;
-  const auto cube = [](double t) {
-    constexpr double kLinear = 6.0 / 29;
-    return t > kLinear ? t * t * t : 3 * kLinear * kLinear * (t - 4.0 / 29);
-  };
-  const double y = (l + 16) / 116;
-  const glm::dvec3 xyz(0.96422 * cube(y + a / 500), cube(y), 0.82521 * cube(y - b / 200));
-  // To linear sRGB, adapted from D50 to D65 (Bradford).
-  const glm::dmat3 to_rgb(3.1338561, -0.9787684, 0.0719453, -1.6168667, 1.9161415, -0.2289914,
-                          -0.4906146, 0.0334540, 1.4052427);
-  glm::dvec3 rgb = glm::clamp(to_rgb * xyz, 0.0, 1.0);
-  for (int i = 0; i < 3; ++i) rgb[i] = srgb_from_linear(rgb[i]);
-  return rgb;
-}
-
-Result<void> read_segments(const DicomFile& file, const DicomLookup& values, DicomSlice& slice) {
-  const std::string type = values.text(kSegmentationType);
-  if (type.empty()) return {};
-  using Kind = DicomSegmentation::Kind;
-  auto segmentation = std::make_shared<DicomSegmentation>();
-  segmentation->kind = type == "BINARY"       ? Kind::binary
-                       : type == "FRACTIONAL" ? Kind::fractional
-                                              : Kind::label_map;
-  if (segmentation->kind == Kind::label_map && type != "LABELMAP")
-    return unsupported(slice.path, "a segmentation of type ", in_quotes(type),
-                       ", expected BINARY, FRACTIONAL or LABELMAP");
-  if (segmentation->kind == Kind::fractional)
-    segmentation->maximum = std::max(1u, values.integer(kMaximumFraction).value_or(255));
-  for (const auto& item : file.data.items(kSegments)) {
-    const DicomLookup segment(file.big_endian, {&item});
-    const auto number = segment.integer(kSegmentNumber);
-    if (!number) continue;
-    LabelStyle& style = segmentation->segments[*number];
-    style.name = utf8_of(segment, kSegmentLabel, values.text(kCharacterSet));
-    const auto lab = segment.integers(kSegmentColor, 2);
-    if (lab.size() == 3) style.color = srgb_of_lab(lab);
-  }
-  slice.segmentation = std::move(segmentation);
-  return {};
 }
 
 /// Numbers that can be places; none if one is absurd, so that sums of them stay finite.
@@ -508,7 +439,7 @@ Result<std::vector<DicomSlice>> read_dicom_slices(const std::string& path) {
   if (slice.series.empty() && file.damage) return tl::unexpected(*file.damage);
   if (slice.series.empty()) slice.series = "(no SeriesInstanceUID)";
   slice.number = values.text(kSeriesNumber);
-  slice.description = utf8_of(values, kSeriesDescription, values.text(kCharacterSet));
+  slice.description = values.utf8(kSeriesDescription, values.text(kCharacterSet));
   slice.modality = values.text(kModality);
   slice.instance = values.text(kSopInstance);
   auto slices = read_picture(file, values, slice);

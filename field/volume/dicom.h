@@ -114,43 +114,13 @@ struct DicomSlice {
 /// io, bad_file: not DICOM, or so damaged that not even a series is named.
 [[nodiscard]] Result<std::vector<DicomSlice>> read_dicom_slices(const std::string& path);
 
-class DicomDecoder;
+struct DicomFile;
+class DicomLookup;
 
-/// The pixels of a file.
-class DicomFrames {
- public:
-  /// `pixels`: those of all frames, as stored.
-  explicit DicomFrames(std::vector<std::byte> pixels);
-
-  /// A frame of the file, `width` × `height` pixels of components() × component_type(), in native
-  /// byte order, before slope and intercept. Bits that are not stored are cleared, and the sign is
-  /// extended. Colours are red, green, blue. The values of MONOCHROME1 (least is white) do not
-  /// change.
-  [[nodiscard]] std::vector<std::byte> frame(const DicomSlice& slice) const;
-
- private:
-  std::vector<std::byte> pixels_;
-};
-
-/// Reads the pixels of files, in the given order. Not thread-safe.
-class DicomPixelReader {
- public:
-  /// `files`: any slice of each.
-  explicit DicomPixelReader(std::vector<DicomSlice> files);
-  DicomPixelReader(DicomPixelReader&&) noexcept;
-  DicomPixelReader& operator=(DicomPixelReader&&) noexcept;
-  ~DicomPixelReader();
-
-  /// The frames of the next file.
-  /// bad_file: too few pixels, or compressed ones that cannot be decoded.
-  /// REQUIRES: there is a next file.
-  [[nodiscard]] Result<DicomFrames> next();
-
- private:
-  std::vector<DicomSlice> files_;
-  std::size_t at_ = 0;
-  std::unique_ptr<DicomDecoder> decoder_;  ///< started for the first compressed file
-};
+/// Sets what a segmentation says of its frames; nothing for other files. `values`: the elements of
+/// the file. unsupported: another kind of segmentation.
+[[nodiscard]] Result<void> read_segments(const DicomFile& file, const DicomLookup& values,
+                                         DicomSlice& slice);
 
 /// One volume, or several time points of it: slices of a series that are alike.
 struct DicomStack {
@@ -194,7 +164,11 @@ struct PlaneGrid {
 [[nodiscard]] Result<PlaneGrid> grid_of_planes(const std::vector<DicomSlice>& slices,
                                                const std::string& source);
 
-/// Calls `visit` with the index and the pixels of each slice, ordered by file.
+/// Calls `visit` with the index and the pixels of each slice, ordered by file: width × height
+/// pixels of components() × component_type(), in native byte order, before slope and intercept.
+/// Bits that are not stored are cleared, and the sign is extended. Colours are red, green, blue.
+/// The values of MONOCHROME1 (least is white) do not change. bad_file: too few pixels, or
+/// compressed ones that cannot be decoded. Others as those of `visit`.
 [[nodiscard]] Result<void> for_each_frame(
     const std::vector<DicomSlice>& slices,
     const std::function<Result<void>(std::size_t, const std::vector<std::byte>&)>& visit);

@@ -1,5 +1,4 @@
 #include "field/volume/dicom_decode.h"
-#include "field/volume/dicom_elements.h"
 
 #include <dlfcn.h>
 #include <fcntl.h>
@@ -16,6 +15,7 @@
 
 #include "base/child_process.h"
 #include "base/file.h"
+#include "field/volume/dicom_elements.h"
 #include "field/volume/gdcm_module.h"
 #include "field/volume/packing.h"
 
@@ -25,10 +25,8 @@ namespace {
 
 constexpr std::uint64_t kMaxBytes = std::uint64_t{1} << 30;
 
-std::uint64_t decoded_bytes(const DicomSlice& file) { return file.file_bytes(); }
-
 /// Seconds that decoding a file may take. The slowest decoder makes tens of megabytes per second.
-std::uint64_t time_limit(const DicomSlice& file) { return 60 + (decoded_bytes(file) >> 20); }
+std::uint64_t time_limit(const DicomSlice& file) { return 60 + (file.file_bytes() >> 20); }
 
 // In the child.
 
@@ -38,7 +36,7 @@ std::uint64_t time_limit(const DicomSlice& file) { return 60 + (decoded_bytes(fi
 void confine(const std::vector<DicomSlice>& files) {
   std::uint64_t largest = 0, seconds = 0;
   for (const auto& file : files) {
-    largest = std::max(largest, decoded_bytes(file));
+    largest = std::max(largest, file.file_bytes());
     seconds += time_limit(file);
   }
   constexpr std::uint64_t kSpareBytes = std::uint64_t{1} << 30;
@@ -59,7 +57,7 @@ bool decode(GdcmDecode* gdcm, const DicomSlice& file, int to) {
     unpacked = std::move(bytes->bytes);
     input.bytes = unpacked;
   }
-  std::vector<std::byte> pixels(decoded_bytes(file));
+  std::vector<std::byte> pixels(file.file_bytes());
   return gdcm(input, pixels) && write_all(to, pixels) == 0;
 }
 
@@ -105,10 +103,10 @@ Wait wait_for_bytes(int from, std::uint64_t seconds) {
 
 Result<std::unique_ptr<DicomDecoder>> DicomDecoder::start(const std::vector<DicomSlice>& files) {
   for (const auto& file : files)
-    if (decoded_bytes(file) > kMaxBytes)
+    if (file.file_bytes() > kMaxBytes)
       return unsupported(
           file.path, file.frames, " frames of ", file.height, "x", file.width, " decode to ",
-          decoded_bytes(file),
+          file.file_bytes(),
           " bytes, expected at most 2^30: decompress it first, `gdcmconv --raw IN OUT`");
   static const Result<GdcmDecode*> loaded = load_gdcm();
   if (!loaded) return fail(loaded.error().code, files.front().path, ": ", loaded.error().message);
@@ -143,7 +141,7 @@ DicomDecoder::~DicomDecoder() {
 Result<std::vector<std::byte>> DicomDecoder::read(const DicomSlice& file) {
   // Allocate memory as bytes arrive, not because a header asks for it.
   std::vector<std::byte> pixels;
-  const std::uint64_t needed = decoded_bytes(file);
+  const std::uint64_t needed = file.file_bytes();
   while (pixels.size() < needed) {
     if (wait_for_bytes(pipe_, time_limit(file)) == Wait::late) return decoding_error(file, true);
     const std::size_t from = pixels.size();

@@ -3,12 +3,13 @@
 
 #include <algorithm>
 #include <array>
-#include <bit>
 #include <cmath>
 #include <sstream>
+#include <utility>
 
 #include "base/bytes.h"
 #include "base/try.h"
+#include "field/volume/fields.h"
 #include "field/volume/io.h"
 
 namespace slf::volume_io {
@@ -69,12 +70,6 @@ bool has_preamble(std::string_view head) {
   return head.size() >= kPreamble && head.substr(kPreamble - 4, 4) == "DICM";
 }
 
-template <class T>
-T load(std::string_view bytes, bool big_endian) {
-  const auto* from = reinterpret_cast<const std::byte*>(bytes.data());
-  return big_endian ? load_be<T>(from) : load_le<T>(from);
-}
-
 struct Encoding {
   bool is_explicit = false;
   bool big_endian = false;
@@ -88,9 +83,7 @@ struct Walker {
 
   template <class T>
   T take(bool big_endian) {
-    const auto value = load<T>(bytes.substr(at), big_endian);
-    at += sizeof(T);
-    return value;
+    return Fields{bytes, big_endian}.get<T>(std::exchange(at, at + sizeof(T)));
   }
 
   DicomTag take_tag(bool big_endian) {
@@ -149,9 +142,8 @@ struct Walker {
         continue;
       }
       const bool open_item = item.length == kUndefined;
-      auto inner = data_set(into ? &into->emplace_back() : nullptr, encoding,
-                            open_item ? end : at + item.length, open_item, depth + 1);
-      if (!inner) return inner;
+      SLF_TRY(data_set(into ? &into->emplace_back() : nullptr, encoding,
+                       open_item ? end : at + item.length, open_item, depth + 1));
     }
     return {};
   }
@@ -179,10 +171,9 @@ struct Walker {
       // What was unknown to its writer (UN) has implicit value representations.
       Encoding inner = encoding;
       if (e.representation == "UN") inner = {};
-      auto parsed =
-          items(kept ? &into->sequences[e.tag] : nullptr, inner, undefined ? end : at + e.length,
-                undefined, undefined && e.tag == kPixelData, depth + 1);
-      if (!parsed) return parsed;
+      SLF_TRY(items(kept ? &into->sequences[e.tag] : nullptr, inner,
+                    undefined ? end : at + e.length, undefined, undefined && e.tag == kPixelData,
+                    depth + 1));
       if (is_pixel_data) into->values[e.tag] = {};
     }
     return {};
@@ -192,7 +183,7 @@ struct Walker {
   Result<std::string> meta() {
     at = has_preamble(bytes) ? kPreamble : 0;
     std::string syntax;
-    while (bytes.size() - at >= 4 && load<std::uint16_t>(bytes.substr(at), false) == 0x0002) {
+    while (bytes.size() - at >= 4 && Fields{bytes, false}.get<std::uint16_t>(at) == 0x0002) {
       const auto e = SLF_TRY(next({.is_explicit = true}, bytes.size()));
       if (e.length == kUndefined) return truncated(e.from, e.length);
       if (e.tag == 0x00020010) syntax = bytes.substr(at, e.length);
@@ -208,7 +199,7 @@ struct Walker {
     Encoding e{.is_explicit = !syntax.empty() && syntax != kImplicit,
                .big_endian = syntax == kBigEndian};
     if (bytes.size() - at < 8) return e;
-    if (syntax.empty()) e.big_endian = load<std::uint16_t>(bytes.substr(at), true) == 0x0008;
+    if (syntax.empty()) e.big_endian = Fields{bytes, true}.get<std::uint16_t>(at) == 0x0008;
     e.is_explicit = is_representation(bytes.substr(at + 4, 2));
     return e;
   }
@@ -256,28 +247,19 @@ Result<std::string> read_whole(const std::string& path) {
 /// Whether a file without a preamble begins with two elements in ascending order, the first of
 /// group 2 (file meta information) or 8 (identification).
 bool begins_with_elements(std::string_view head, bool big_endian) {
+  constexpr std::uint32_t kLikely = 1024;
+  const std::string unnamed;
+  Walker walker{unnamed, head};
   DicomTag last = 0;
-  std::size_t at = 0;
   for (int count = 0; count < 2; ++count) {
-    if (head.size() - at < 8) return false;
-    const DicomTag group = load<std::uint16_t>(head.substr(at), big_endian);
-    const DicomTag tag = group << 16 | load<std::uint16_t>(head.substr(at + 2), big_endian);
-    if (count == 0 ? group != 2 && group != 8 : tag <= last || group > 0x0020) return false;
-    last = tag;
-    const auto representation = head.substr(at + 4, 2);
-    std::uint64_t length = 0, header = 8;
-    if (is_one_of(representation, kLongForms)) {
-      header = 12;
-      if (head.size() - at < header) return false;
-      length = load<std::uint32_t>(head.substr(at + 8), big_endian);
-    } else if (is_one_of(representation, kShortForms)) {
-      length = load<std::uint16_t>(head.substr(at + 6), big_endian);
-    } else {
-      length = load<std::uint32_t>(head.substr(at + 4), big_endian);
-    }
-    constexpr std::uint64_t kLikely = 1024;
-    if (length % 2 != 0 || length > kLikely || length + header > head.size() - at) return false;
-    at += header + length;
+    if (head.size() - walker.at < 8) return false;
+    const bool is_explicit = is_representation(head.substr(walker.at + 4, 2));
+    const auto e = walker.next({is_explicit, big_endian}, head.size());
+    if (!e || e->length % 2 != 0 || e->length > kLikely) return false;
+    const DicomTag group = e->tag >> 16;
+    if (count == 0 ? group != 2 && group != 8 : e->tag <= last || group > 0x0020) return false;
+    last = e->tag;
+    walker.at += e->length;
   }
   return true;
 }
@@ -339,6 +321,23 @@ std::string DicomLookup::text(DicomTag tag) const {
   return std::string(trim(value.substr(0, value.find('\0'))));
 }
 
+std::string DicomLookup::utf8(DicomTag tag, const std::string& character_set) const {
+  std::string own = text(tag);
+  if (character_set == "ISO_IR 192") return own;
+  const bool latin_1 = character_set.empty() || character_set == "ISO_IR 100";
+  std::string result;
+  for (const char c : own) {
+    const auto code = static_cast<unsigned char>(c);
+    if (code < 128)
+      result += c;
+    else if (latin_1)
+      result += {static_cast<char>(0xc0 | code >> 6), static_cast<char>(0x80 | (code & 63))};
+    else
+      result += '?';
+  }
+  return result;
+}
+
 std::vector<double> DicomLookup::numbers(DicomTag tag) const {
   std::vector<double> result;
   std::istringstream parts(text(tag));
@@ -357,10 +356,9 @@ std::optional<double> DicomLookup::number(DicomTag tag) const {
 
 std::vector<std::uint32_t> DicomLookup::integers(DicomTag tag, std::size_t bytes) const {
   std::vector<std::uint32_t> result;
-  const auto value = raw(tag);
-  for (std::size_t at = 0; at + bytes <= value.size(); at += bytes)
-    result.push_back(bytes == 2 ? load<std::uint16_t>(value.substr(at), big_endian_)
-                                : load<std::uint32_t>(value.substr(at), big_endian_));
+  const Fields value{raw(tag), big_endian_};
+  for (std::size_t at = 0; at + bytes <= value.bytes.size(); at += bytes)
+    result.push_back(bytes == 2 ? value.get<std::uint16_t>(at) : value.get<std::uint32_t>(at));
   return result;
 }
 
@@ -371,9 +369,9 @@ std::optional<std::uint32_t> DicomLookup::integer(DicomTag tag) const {
 
 std::vector<double> DicomLookup::reals(DicomTag tag) const {
   std::vector<double> result;
-  const auto value = raw(tag);
-  for (std::size_t at = 0; at + 8 <= value.size(); at += 8) {
-    result.push_back(std::bit_cast<double>(load<std::uint64_t>(value.substr(at), big_endian_)));
+  const Fields value{raw(tag), big_endian_};
+  for (std::size_t at = 0; at + 8 <= value.bytes.size(); at += 8) {
+    result.push_back(value.get<double>(at));
     if (!std::isfinite(result.back())) return {};
   }
   return result;

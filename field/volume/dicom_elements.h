@@ -18,7 +18,7 @@ namespace slf::volume_io {
 
 /// Group << 16 | element.
 using DicomTag = std::uint32_t;
-inline constexpr DicomTag kPixelData = 0x7fe00010;
+inline constexpr DicomTag kCharacterSet = 0x00080005, kPixelData = 0x7fe00010;
 
 /// The elements of a data set. Values view the bytes of the file, which must outlive them.
 struct DicomDataSet {
@@ -64,6 +64,8 @@ class DicomLookup {
   [[nodiscard]] std::string_view raw(DicomTag tag) const;
   /// Text without padding.
   [[nodiscard]] std::string text(DicomTag tag) const;
+  /// The same as UTF-8. Characters of sets other than Latin-1 and UTF-8 become '?'.
+  [[nodiscard]] std::string utf8(DicomTag tag, const std::string& character_set) const;
   /// Decimal strings (DS, IS) separated by backslashes. Empty if they are missing or no numbers.
   [[nodiscard]] std::vector<double> numbers(DicomTag tag) const;
   [[nodiscard]] std::optional<double> number(DicomTag tag) const;

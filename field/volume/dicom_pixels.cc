@@ -3,6 +3,7 @@
 #include <bit>
 #include <cmath>
 #include <cstring>
+#include <map>
 #include <type_traits>
 
 #include "base/try.h"
@@ -17,24 +18,21 @@ namespace slf::volume_io {
 namespace {
 
 /// Clears the bits that are not stored (old files have overlays there) and extends the sign.
-template <class T>
-void keep_stored_bits_of(std::vector<std::byte>& pixels, const DicomSlice& slice) {
-  constexpr unsigned kBits = 8 * sizeof(T);
-  if (slice.bits_stored == kBits) return;
-  const unsigned left = kBits - 1 - slice.high_bit;
-  const unsigned right = kBits - slice.bits_stored;
-  for (std::size_t at = 0; at + sizeof(T) <= pixels.size(); at += sizeof(T)) {
-    std::make_unsigned_t<T> raw;
-    std::memcpy(&raw, pixels.data() + at, sizeof(T));
-    const T kept =
-        static_cast<T>(static_cast<T>(static_cast<std::make_unsigned_t<T>>(raw << left)) >> right);
-    std::memcpy(pixels.data() + at, &kept, sizeof(T));
-  }
-}
-
 void keep_stored_bits(std::vector<std::byte>& pixels, const DicomSlice& slice) {
   with_type(slice.type, [&]<class T>(T) {
-    if constexpr (std::is_integral_v<T>) keep_stored_bits_of<T>(pixels, slice);
+    if constexpr (std::is_integral_v<T>) {
+      using Bits = std::make_unsigned_t<T>;
+      constexpr unsigned kBits = 8 * sizeof(T);
+      if (slice.bits_stored == kBits) return;
+      const unsigned left = kBits - 1 - slice.high_bit;
+      const unsigned right = kBits - slice.bits_stored;
+      for (std::size_t at = 0; at + sizeof(T) <= pixels.size(); at += sizeof(T)) {
+        Bits raw;
+        std::memcpy(&raw, pixels.data() + at, sizeof(T));
+        const T kept = static_cast<T>(static_cast<T>(static_cast<Bits>(raw << left)) >> right);
+        std::memcpy(pixels.data() + at, &kept, sizeof(T));
+      }
+    }
   });
 }
 
@@ -117,14 +115,11 @@ Result<std::vector<std::byte>> read_plain(const DicomSlice& file) {
   return std::vector<std::byte>(from, from + file.file_bytes());
 }
 
-}  // namespace
-
-DicomFrames::DicomFrames(std::vector<std::byte> pixels) : pixels_(std::move(pixels)) {}
-
-std::vector<std::byte> DicomFrames::frame(const DicomSlice& slice) const {
+/// A frame of a file with these pixels, as stored: what for_each_frame() visits.
+std::vector<std::byte> frame_of(const DicomSlice& slice, std::span<const std::byte> file) {
   const std::uint64_t count = std::uint64_t{slice.width} * slice.height;
-  if (slice.one_bit) return unpacked(pixels_, slice.frame * count, count);
-  const auto stored = std::span(pixels_).subspan(slice.frame * slice.bytes(), slice.bytes());
+  if (slice.one_bit) return unpacked(file, slice.frame * count, count);
+  const auto stored = file.subspan(slice.frame * slice.bytes(), slice.bytes());
   std::vector<std::byte> pixels(stored.begin(), stored.end());
   if (!slice.compressed && (slice.swapped > 1) == (std::endian::native == std::endian::little))
     swap_bytes(pixels, slice.swapped > 1 ? slice.swapped : bytes_per_voxel(slice.type));
@@ -138,21 +133,24 @@ std::vector<std::byte> DicomFrames::frame(const DicomSlice& slice) const {
   return pixels;
 }
 
-DicomPixelReader::DicomPixelReader(std::vector<DicomSlice> files) : files_(std::move(files)) {}
-DicomPixelReader::DicomPixelReader(DicomPixelReader&&) noexcept = default;
-DicomPixelReader& DicomPixelReader::operator=(DicomPixelReader&&) noexcept = default;
-DicomPixelReader::~DicomPixelReader() = default;
+}  // namespace
 
-Result<DicomFrames> DicomPixelReader::next() {
-  const DicomSlice& file = files_[at_++];
-  if (file.compressed && !decoder_) {
-    std::vector<DicomSlice> compressed;
-    for (const auto& each : files_)
-      if (each.compressed) compressed.push_back(each);
-    decoder_ = SLF_TRY(DicomDecoder::start(compressed));
+Result<void> for_each_frame(
+    const std::vector<DicomSlice>& slices,
+    const std::function<Result<void>(std::size_t, const std::vector<std::byte>&)>& visit) {
+  std::map<std::string, std::vector<std::size_t>> by_file;
+  for (std::size_t i = 0; i < slices.size(); ++i) by_file[slices[i].path].push_back(i);
+  std::vector<DicomSlice> compressed;  // any slice of each such file
+  for (const auto& [path, of_file] : by_file)
+    if (slices[of_file.front()].compressed) compressed.push_back(slices[of_file.front()]);
+  std::unique_ptr<DicomDecoder> decoder;
+  for (const auto& [path, of_file] : by_file) {
+    const DicomSlice& file = slices[of_file.front()];
+    if (file.compressed && !decoder) decoder = SLF_TRY(DicomDecoder::start(compressed));
+    const auto pixels = SLF_TRY(file.compressed ? decoder->read(file) : read_plain(file));
+    for (const std::size_t i : of_file) SLF_TRY(visit(i, frame_of(slices[i], pixels)));
   }
-  auto pixels = SLF_TRY(file.compressed ? decoder_->read(file) : read_plain(file));
-  return DicomFrames(std::move(pixels));
+  return {};
 }
 
 }  // namespace slf::volume_io

@@ -4,7 +4,6 @@
 #include <cmath>
 #include <map>
 #include <set>
-#include <sstream>
 
 #include "base/try.h"
 #include "field/volume/dicom.h"
@@ -50,9 +49,7 @@ void leave_out_copies(std::vector<Place>& places, std::vector<std::string>& note
 }
 
 std::string where(const DicomSlice& slice) {
-  std::ostringstream text;
-  text << slice.position.x << "," << slice.position.y << "," << slice.position.z;
-  return text.str();
+  return concat(slice.position.x, ",", slice.position.y, ",", slice.position.z);
 }
 
 /// Whether all places have as many slices, and what tells those at one place apart is known.
@@ -77,9 +74,10 @@ Result<void> check_counts(const std::vector<Place>& places) {
                   ", as duplicates do: keep one of them (the other places have ", usual, ")");
   }
   if (places.size() == 1 && usual > 1)
-    return fail(ErrorCode::unsupported, places[0][0].label(), ": all ", usual,
-                " slices lie at the same place, as those of a film do; a volume needs slices at "
-                "several places");
+    return unsupported(
+        places[0][0].label(), "all ", usual,
+        " slices lie at the same place, as those of a film do; a volume needs slices "
+        "at several places");
   return {};
 }
 
@@ -98,9 +96,8 @@ std::vector<std::string> names_of_times(const std::vector<Place>& places) {
     if (!constant || values.size() < 2) continue;
     std::vector<std::string> names;
     for (const auto& slice : first) {
-      std::ostringstream text;
-      text << name(moment) << " " << moment_of(slice, moment);
-      names.push_back(std::isfinite(moment_of(slice, moment)) ? text.str() : "");
+      const double value = moment_of(slice, moment);
+      names.push_back(std::isfinite(value) ? concat(name(moment), " ", value) : "");
     }
     return names;
   }

@@ -1,15 +1,45 @@
-// Binary and fractional DICOM segmentations, whose frames belong to one segment each, as labels.
+// DICOM segmentations: what they say of their segments; and the binary and fractional ones, whose
+// frames belong to one segment each, as labels.
 #include <algorithm>
 #include <cstring>
-#include <sstream>
+#include <ranges>
 
 #include "base/try.h"
 #include "field/volume/dicom.h"
+#include "field/volume/dicom_elements.h"
 #include "field/volume/io.h"
+#include "slf/tone.h"
 
 namespace slf::volume_io {
 
 namespace {
+
+enum SegmentTag : DicomTag {
+  kSegmentationType = 0x00620001,
+  kSegments = 0x00620002,
+  kNumber = 0x00620004,
+  kLabel = 0x00620005,
+  kColor = 0x0062000d,
+  kMaximumFraction = 0x0062000e,
+};
+
+/// CIELab as DICOM encodes it (white is D50) to sRGB, 0 to 1.
+glm::dvec3 srgb_of_lab(const std::vector<std::uint32_t>& encoded) {
+  const double l = encoded[0] * 100 / 65535.0;
+  const double a = encoded[1] * 255 / 65535.0 - 128, b = encoded[2] * 255 / 65535.0 - 128;
+  const auto cube = [](double t) {
+    constexpr double kLinear = 6.0 / 29;
+    return t > kLinear ? t * t * t : 3 * kLinear * kLinear * (t - 4.0 / 29);
+  };
+  const double y = (l + 16) / 116;
+  const glm::dvec3 xyz(0.96422 * cube(y + a / 500), cube(y), 0.82521 * cube(y - b / 200));
+  // To linear sRGB, adapted from D50 to D65 (Bradford).
+  const glm::dmat3 to_rgb(3.1338561, -0.9787684, 0.0719453, -1.6168667, 1.9161415, -0.2289914,
+                          -0.4906146, 0.0334540, 1.4052427);
+  glm::dvec3 rgb = glm::clamp(to_rgb * xyz, 0.0, 1.0);
+  for (int i = 0; i < 3; ++i) rgb[i] = srgb_from_linear(rgb[i]);
+  return rgb;
+}
 
 /// The segments of each voxel, as frames are added.
 class Labels {
@@ -52,23 +82,44 @@ class Labels {
 };
 
 std::string list_of(const LabelTable& segments) {
-  std::ostringstream text;
-  text << "a segmentation of " << segments.size()
-       << (segments.size() == 1 ? " segment" : " segments");
-  constexpr int kNamed = 10;
-  int named = 0;
-  for (const auto& [id, style] : segments) {
-    if (++named > kNamed) {
-      text << ", …";
-      break;
-    }
-    text << (named == 1 ? ": " : ", ") << id;
-    if (!style.name.empty()) text << " " << in_quotes(style.name);
-  }
-  return text.str();
+  constexpr std::ptrdiff_t kNamed = 10;
+  const std::string named =
+      joined(segments | std::views::take(kNamed), ", ", [](const auto& segment) {
+        const auto& [id, style] = segment;
+        return concat(id, style.name.empty() ? "" : " " + in_quotes(style.name));
+      });
+  return concat("a segmentation of ", segments.size(),
+                segments.size() == 1 ? " segment" : " segments", segments.empty() ? "" : ": ",
+                named, std::ssize(segments) > kNamed ? ", …" : "");
 }
 
 }  // namespace
+
+Result<void> read_segments(const DicomFile& file, const DicomLookup& values, DicomSlice& slice) {
+  const std::string type = values.text(kSegmentationType);
+  if (type.empty()) return {};
+  using Kind = DicomSegmentation::Kind;
+  auto segmentation = std::make_shared<DicomSegmentation>();
+  segmentation->kind = type == "BINARY"       ? Kind::binary
+                       : type == "FRACTIONAL" ? Kind::fractional
+                                              : Kind::label_map;
+  if (segmentation->kind == Kind::label_map && type != "LABELMAP")
+    return unsupported(slice.path, "a segmentation of type ", in_quotes(type),
+                       ", expected BINARY, FRACTIONAL or LABELMAP");
+  if (segmentation->kind == Kind::fractional)
+    segmentation->maximum = std::max(1u, values.integer(kMaximumFraction).value_or(255));
+  for (const auto& item : file.data.items(kSegments)) {
+    const DicomLookup segment(file.big_endian, {&item});
+    const auto number = segment.integer(kNumber);
+    if (!number) continue;
+    LabelStyle& style = segmentation->segments[*number];
+    style.name = segment.utf8(kLabel, values.text(kCharacterSet));
+    const auto lab = segment.integers(kColor, 2);
+    if (lab.size() == 3) style.color = srgb_of_lab(lab);
+  }
+  slice.segmentation = std::move(segmentation);
+  return {};
+}
 
 Result<Volume> read_segmentation(const std::string& source, const DicomStack& stack,
                                  const VolumeOptions& options) {
@@ -110,9 +161,9 @@ Result<Volume> read_segmentation(const std::string& source, const DicomStack& st
   volume.label_styles = first.segmentation->segments;
   volume.notes.push_back(list_of(volume.label_styles));
   if (labels->shared() > 0)
-    volume.notes.push_back(
-        "segments overlap at " + std::to_string(labels->shared()) +
-        " voxels, which belong to the one with the largest fraction, then to the highest number");
+    volume.notes.push_back(concat(
+        "segments overlap at ", labels->shared(),
+        " voxels, which belong to the one with the largest fraction, then to the highest number"));
   return volume;
 }
 

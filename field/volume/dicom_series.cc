@@ -184,12 +184,10 @@ VolumeSeries describe(const DicomStack& stack) {
 
 std::string summary(const DicomStack& stack) {
   const VolumeSeries series = describe(stack);
-  std::string text = series.id + " (";
-  if (!series.modality.empty()) text += series.modality + " ";
-  text += std::to_string(series.dims[0]) + "x" + std::to_string(series.dims[1]) + ", " +
-          std::to_string(series.slices) + (series.slices == 1 ? " slice" : " slices");
-  if (!series.description.empty()) text += ", " + in_quotes(series.description);
-  return text + ")";
+  return concat(series.id, " (", series.modality, series.modality.empty() ? "" : " ",
+                series.dims[0], "x", series.dims[1], ", ", series.slices,
+                series.slices == 1 ? " slice" : " slices",
+                series.description.empty() ? "" : ", " + in_quotes(series.description), ")");
 }
 
 /// Whether `wanted` names a stack: by id, by number, or by UID, with or without the part.
@@ -221,9 +219,7 @@ Result<Volume> read_chosen(const std::string& path, const Scan& scan,
   for (const auto& stack : all)
     if (!series || is_wanted(stack, *series)) chosen.push_back(stack);
   if (chosen.size() != 1) {
-    std::string found;
-    for (const auto& stack : chosen.empty() ? all : chosen)
-      found += (found.empty() ? "" : ", ") + summary(stack);
+    const std::string found = joined(chosen.empty() ? all : chosen, ", ", summary);
     if (chosen.empty())
       return misuse(path, "has no series ", in_quotes(*series), ", but these: ", found);
     return fail_without("series", ErrorCode::unsupported, path, ": ", chosen.size(),

@@ -1,9 +1,7 @@
 // Stacks DICOM slices to a volume, sorted by position.
 #include <algorithm>
 #include <cmath>
-#include <map>
 #include <span>
-#include <sstream>
 
 #include "base/try.h"
 #include "field/volume/dicom.h"
@@ -20,10 +18,8 @@ constexpr double kUneven = 0.1;
 
 /// "2.5 mm between a.dcm and b.dcm".
 std::string describe_gap(const std::vector<DicomSlice>& slices, std::size_t after) {
-  std::ostringstream text;
-  text << height_of(slices[after + 1]) - height_of(slices[after]) << " mm between "
-       << slices[after].label() << " and " << slices[after + 1].label();
-  return text.str();
+  const DicomSlice &a = slices[after], &b = slices[after + 1];
+  return concat(height_of(b) - height_of(a), " mm between ", a.label(), " and ", b.label());
 }
 
 /// Names the gaps that are whole multiples of the smallest one, if all are: slices are missing.
@@ -39,8 +35,8 @@ std::string missing_slices(const std::vector<DicomSlice>& slices, const std::vec
     constexpr std::size_t kNamed = 3;
     if (++holes <= kNamed) named += (named.empty() ? "" : ", ") + describe_gap(slices, i);
   }
-  return std::to_string(missing) + (missing == 1 ? " slice is" : " slices are") +
-         " missing: " + named + (holes > 3 ? ", …" : "");
+  return concat(missing, missing == 1 ? " slice is" : " slices are", " missing: ", named,
+                holes > 3 ? ", …" : "");
 }
 
 struct Step {
@@ -61,8 +57,9 @@ Result<Step> step_of(const std::vector<DicomSlice>& slices, const VolumeOptions&
     gaps.push_back(height_of(slices[i]) - height_of(slices[i - 1]));
     if (glm::length(slices[i].position - first.position - along * height) >
         std::max(first.spacing.x, first.spacing.y))
-      return fail(ErrorCode::unsupported, slices[i].label(),
-                  ": lies beside the line of the other slices: a volume needs a straight stack");
+      return unsupported(
+          slices[i].label(),
+          "lies beside the line of the other slices: a volume needs a straight stack");
   }
   const double mean = range / static_cast<double>(gaps.size());
   const auto [least, most] = std::ranges::minmax_element(gaps);
@@ -122,10 +119,8 @@ Result<void> resample(const std::vector<DicomSlice>& slices, bool nearest, Volum
     resample_as<T>(volume.voxels, plane, static_cast<std::size_t>(planes), heights, gap, nearest);
   });
   volume.dims[2] = static_cast<std::uint32_t>(planes);
-  std::ostringstream text;
-  text << "resampled from " << slices.size() << " unevenly spaced slices to " << planes << ", "
-       << gap << " mm apart";
-  volume.notes.push_back(text.str());
+  volume.notes.push_back(concat("resampled from ", slices.size(), " unevenly spaced slices to ",
+                                planes, ", ", gap, " mm apart"));
   return {};
 }
 
@@ -171,22 +166,6 @@ Result<void> fill(const std::vector<DicomSlice>& slices, const std::vector<std::
 }
 
 }  // namespace
-
-Result<void> for_each_frame(
-    const std::vector<DicomSlice>& slices,
-    const std::function<Result<void>(std::size_t, const std::vector<std::byte>&)>& visit) {
-  std::map<std::string, std::vector<std::size_t>> by_file;
-  for (std::size_t i = 0; i < slices.size(); ++i) by_file[slices[i].path].push_back(i);
-  std::vector<DicomSlice> files;
-  files.reserve(by_file.size());
-  for (const auto& [path, of_file] : by_file) files.push_back(slices[of_file.front()]);
-  DicomPixelReader reader(files);
-  for (const auto& [path, of_file] : by_file) {
-    const auto frames = SLF_TRY(reader.next());
-    for (const std::size_t i : of_file) SLF_TRY(visit(i, frames.frame(slices[i])));
-  }
-  return {};
-}
 
 Result<PlaneGrid> grid_of_planes(const std::vector<DicomSlice>& slices, const std::string& source) {
   std::vector<const DicomSlice*> sorted(slices.size());
@@ -243,8 +222,8 @@ Result<Volume> read_dicom_stack(const std::string& source, const DicomStack& sta
 
   const auto time = SLF_TRY(choose(source, options.time, sorted.time_count(), "time point"));
   if (time < sorted.times.size() && !sorted.times[time].empty())
-    volume.notes.push_back("time point " + std::to_string(time) + " of " +
-                           std::to_string(sorted.time_count()) + ": " + sorted.times[time]);
+    volume.notes.push_back(
+        concat("time point ", time, " of ", sorted.time_count(), ": ", sorted.times[time]));
   std::vector<DicomSlice> slices;
   for (const auto& place : sorted.places) slices.push_back(place[time]);
   const DicomSlice& first = slices.front();

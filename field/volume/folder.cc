@@ -92,8 +92,8 @@ Result<Volume> stack(const std::string& path, std::vector<std::string> files,
     if (appended || !stray || !are_strays(++left_out, files.size())) return tl::unexpected(*broken);
   }
   if (broken)
-    volume.notes.push_back("left out " + std::to_string(left_out) + " of " +
-                           std::to_string(files.size()) + " pictures: " + broken->message);
+    volume.notes.push_back(
+        concat("left out ", left_out, " of ", files.size(), " pictures: ", broken->message));
   volume.type = kind->type;
   volume.files = std::move(used);
   volume.dims =
@@ -117,9 +117,9 @@ Result<std::optional<Volume>> read_set(const std::vector<std::string>& files,
     const auto strays = std::ranges::count_if(
         files, [&](const std::string& other) { return !described.contains(name_of(other)); });
     if (strays > 0)
-      volume.notes.push_back("left out " + std::to_string(strays) + " of " +
-                             std::to_string(files.size()) + " TIFFs, which the OME metadata of " +
-                             name_of(file) + " do not name");
+      volume.notes.push_back(concat("left out ", strays, " of ", files.size(),
+                                    " TIFFs, which the OME metadata of ", name_of(file),
+                                    " do not name"));
     return std::optional<Volume>(std::move(volume));
   }
   return std::nullopt;
@@ -128,9 +128,9 @@ Result<std::optional<Volume>> read_set(const std::vector<std::string>& files,
 }  // namespace
 
 std::string describe(const SliceKind& kind) {
-  return std::to_string(kind.width) + "x" + std::to_string(kind.height) + " " + name(kind.type) +
-         (kind.components > 1 ? ", " + std::to_string(kind.components) + " components" : "") +
-         (kind.alpha ? " with opacity" : "");
+  return concat(kind.width, "x", kind.height, " ", name(kind.type),
+                kind.components > 1 ? concat(", ", kind.components, " components") : "",
+                kind.alpha ? " with opacity" : "");
 }
 
 Result<void> same_kind(const std::string& source, const SliceKind& here,
@@ -193,7 +193,7 @@ Result<Volume> read_folder(const std::string& path, const VolumeOptions& options
     any_dicom = any_dicom || looks_like_dicom(*head);
   }
   if (code) return fail(ErrorCode::io, path, ": ", code.message());
-  if (!any_dicom && !any_picture) return tl::unexpected(refuse_folder(path));
+  if (!any_dicom && !any_picture) return refuse_folder(path);
   if (any_dicom) return read_dicom_folder(path, options);
   SLF_TRY(refuse_series(path, options));
   std::string found;

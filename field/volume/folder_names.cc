@@ -4,6 +4,7 @@
 #include <map>
 #include <set>
 
+#include "base/try.h"
 #include "field/volume/stack.h"
 
 namespace slf::volume_io {
@@ -102,10 +103,9 @@ Result<void> check_patterns(const std::string& folder, std::vector<PictureName>&
   if (are_strays(strays, names.size())) {
     const std::string kept = parse_name(series[0].front()).pattern;
     std::erase_if(names, [&](const PictureName& name) { return name.pattern != kept; });
-    notes.push_back("left out " + std::to_string(strays) + " of " +
-                    std::to_string(names.size() + strays) + " pictures, " +
-                    in_quotes(series[1].front()) + (strays > 1 ? " and others, named" : ", named") +
-                    " unlike the series " + in_quotes(series[0].front()));
+    notes.push_back(concat("left out ", strays, " of ", names.size() + strays, " pictures, ",
+                           in_quotes(series[1].front()), strays > 1 ? " and others" : "",
+                           ", named unlike the series ", in_quotes(series[0].front())));
     return {};
   }
   return unsupported(folder, "pictures of ", series.size(), " series: ", series[0].size(), " as ",
@@ -120,7 +120,7 @@ Result<void> check_numbering(const std::string& folder, std::vector<std::string>
                              std::vector<std::string>& notes) {
   std::vector<PictureName> names(files.size());
   std::ranges::transform(files, names.begin(), parse_name);
-  if (auto ok = check_patterns(folder, names, notes); !ok) return ok;
+  SLF_TRY(check_patterns(folder, names, notes));
   std::set<std::string> kept;
   for (const auto& name : names) kept.insert(name.name);
   std::erase_if(files,

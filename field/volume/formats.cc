@@ -210,17 +210,16 @@ std::optional<Known> known_format(const std::string& path, std::string_view head
   return known_by_name(file, path);
 }
 
-Error refusal(const std::string& path, const Known& known) {
-  return unsupported(path, known.name, ", which is not read: ", known.way).value();
+tl::unexpected<Error> refusal(const std::string& path, const Known& known) {
+  return unsupported(path, known.name, ", which is not read: ", known.way);
 }
 
 }  // namespace
 
-Error refuse_file(const std::string& path, std::string_view head) {
+tl::unexpected<Error> refuse_file(const std::string& path, std::string_view head) {
   if (looks_like_png(head) || looks_like_jpeg(head))
-    return unsupported(path,
-                       "one picture, expected a volume: give the folder that holds the whole stack")
-        .value();
+    return unsupported(
+        path, "one picture, expected a volume: give the folder that holds the whole stack");
   if (const auto known = known_format(path, head)) return refusal(path, *known);
   const auto packing = packing_of_file(path);
   const std::string where = packing == Packing::none
@@ -231,22 +230,18 @@ Error refuse_file(const std::string& path, std::string_view head) {
     for (const auto& [ending, start] : format.starts)
       if (file.ends_with(ending))
         return bad_file(path, "expected ", start, ", found ", in_quotes(head.substr(0, 16)), where,
-                        ": it is damaged, or misnamed")
-            .value();
+                        ": it is damaged, or misnamed");
   if (file.ends_with(".img"))
     return fail_without(
-               "raw", ErrorCode::usage, path,
-               ": voxels of Analyze or NIfTI, whose header is missing (", partner_of(path, ".hdr"),
-               "); without one they need their layout: dimensions, ", "type, spacing and offset")
-        .value();
+        "raw", ErrorCode::usage, path, ": voxels of Analyze or NIfTI, whose header is missing (",
+        partner_of(path, ".hdr"),
+        "); without one they need their layout: dimensions, type, spacing and offset");
   return fail_without(
-             "raw", ErrorCode::usage, path, ": of no known format (found ",
-             in_quotes(head.substr(0, 16)), where,
-             "); headerless voxels need their layout: dimensions, type, spacing and offset")
-      .value();
+      "raw", ErrorCode::usage, path, ": of no known format (found ", in_quotes(head.substr(0, 16)),
+      where, "); headerless voxels need their layout: dimensions, type, spacing and offset");
 }
 
-Error refuse_folder(const std::string& path) {
+tl::unexpected<Error> refuse_folder(const std::string& path) {
   std::error_code code;
   for (const auto* file : {".zarray", ".zgroup", ".zattrs", "zarr.json"})
     if (fs::exists(fs::path(path) / file, code))
@@ -273,22 +268,17 @@ Error refuse_folder(const std::string& path) {
       if (format_of(*head)) first_volume = file;
   }
   if (!first_volume.empty())
-    return unsupported(path, "a folder of ", files, " files; give the one that ",
-                       "is the volume, such as ", first_volume)
-        .value();
+    return unsupported(path, "a folder of ", files,
+                       " files; give the one that is the volume, such as ", first_volume);
   if (files == 0)
     return bad_file(path, "the folder holds no files", folders ? ", only folders" : "",
-                    ": give the folder that holds the slices themselves")
-        .value();
-  std::string found;
-  for (const auto& [name, count] : kinds)
-    found.append(found.empty() ? " (" : ", ")
-        .append(count == 1 ? "once " : std::to_string(count) + " times ")
-        .append(name);
-  if (!found.empty()) found += ")";
-  return bad_file(path, "among its ", files, " files is no DICOM picture, PNG, ", "JPEG or TIFF",
-                  found, ": give the folder that holds the slices themselves")
-      .value();
+                    ": give the folder that holds the slices themselves");
+  const std::string found = joined(kinds, ", ", [](const auto& kind) {
+    return (kind.second == 1 ? "once " : concat(kind.second, " times ")).append(kind.first);
+  });
+  return bad_file(path, "among its ", files, " files is no DICOM picture, PNG, JPEG or TIFF",
+                  found.empty() ? "" : " (" + found + ")",
+                  ": give the folder that holds the slices themselves");
 }
 
 Result<void> refuse_series(const std::string& path, const VolumeOptions& options) {

@@ -34,10 +34,10 @@ struct VolumeFormat {
 /// Why a file that no reader recognises is no volume. `head`: its first bytes, unpacked.
 /// unsupported: a known format; the message names it, and a way to convert it.
 /// bad_file: not what its name says. usage: perhaps headerless voxels.
-[[nodiscard]] Error refuse_file(const std::string& path, std::string_view head);
+[[nodiscard]] tl::unexpected<Error> refuse_file(const std::string& path, std::string_view head);
 
 /// Why a folder without DICOM files and pictures is no volume: what it is (Zarr), or what is in it.
-[[nodiscard]] Error refuse_folder(const std::string& path);
+[[nodiscard]] tl::unexpected<Error> refuse_folder(const std::string& path);
 
 /// usage: a series was chosen, of what is not DICOM.
 [[nodiscard]] Result<void> refuse_series(const std::string& path, const VolumeOptions& options);

@@ -68,12 +68,16 @@ Result<std::size_t> ByteReader::read(std::span<std::byte> to) {
   return static_cast<std::size_t>(file_.gcount());
 }
 
+Result<std::string> ByteReader::read_text(std::size_t limit) {
+  std::string text(limit, '\0');
+  const auto got = SLF_TRY(read(std::as_writable_bytes(std::span(text))));
+  text.resize(got);
+  return text;
+}
+
 Result<std::string> read_head(const std::string& path, std::size_t limit) {
   auto reader = SLF_TRY(ByteReader::open(path, 0, packing_of_file(path) != Packing::none));
-  std::string head(limit, '\0');
-  const auto got = SLF_TRY(reader.read(std::as_writable_bytes(std::span(head))));
-  head.resize(got);
-  return head;
+  return reader.read_text(limit);
 }
 
 bool is_named_and_packed(const std::string& path) {
@@ -119,7 +123,7 @@ Result<std::array<std::uint32_t, 3>> check_dims(const std::string& source,
   }
   for (std::size_t i = 0; i < 3; ++i)
     if (dims[i] == 1)
-      return unsupported(source, "dims ", dims[0], "x", dims[1], "x", dims[2],
+      return unsupported(source, "dims ", joined(dims, "x"),
                          " are a single slice; a volume has at least 2 voxels along each axis: "
                          "give the file of the whole stack");
   return dims;
@@ -147,14 +151,10 @@ Result<void> expect_one_number(const std::string& source, const VolumeOptions& o
 Result<ChosenVolume> choose_volume(const std::string& source, std::vector<std::uint64_t> sizes,
                                    const VolumeOptions& options) {
   while (sizes.size() > 3 && sizes.back() == 1) sizes.pop_back();
-  if (sizes.size() > 5) {
-    std::string found;
-    for (const auto size : sizes)
-      found.append(found.empty() ? "" : "x").append(std::to_string(size));
+  if (sizes.size() > 5)
     return unsupported(
-        source, "dims ", found,
+        source, "dims ", joined(sizes, "x"),
         ", expected 3, then time, then components: extract one volume into a file of its own");
-  }
   const std::uint64_t times = sizes.size() > 3 ? sizes[3] : 1;
   const std::uint64_t components = sizes.size() > 4 ? sizes[4] : 1;
   std::uint64_t count = 0;

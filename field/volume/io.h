@@ -17,6 +17,7 @@
 
 #include "base/ascii.h"
 #include "base/file.h"
+#include "base/join.h"
 #include "field/volume/packing.h"
 #include "slf/error.h"
 #include "slf/volume.h"
@@ -56,6 +57,8 @@ class ByteReader {
   /// Fills `to` and returns its size, or fewer bytes where the data end.
   /// bad_file: packed data that are damaged or stop before their end.
   [[nodiscard]] Result<std::size_t> read(std::span<std::byte> to);
+  /// The next `limit` bytes, or fewer where the data end. Errors as read().
+  [[nodiscard]] Result<std::string> read_text(std::size_t limit);
   [[nodiscard]] Packing packing() const { return packing_; }
 
  private:

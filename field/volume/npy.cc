@@ -104,9 +104,7 @@ Result<NpyHeader> parse(const std::string& path, std::string_view head) {
 }
 
 std::string describe_shape(const std::vector<std::uint64_t>& shape) {
-  std::string text;
-  for (const auto extent : shape) text += (text.empty() ? "" : ", ") + std::to_string(extent);
-  return "(" + text + ")";
+  return "(" + joined(shape) + ")";
 }
 
 /// Reverses the order of the axes: z, which was fastest, becomes slowest.
@@ -198,9 +196,7 @@ Result<Volume> read_npz(const std::string& path, std::string_view, const VolumeO
   for (const auto& member : members) {
     if (!member.name.ends_with(".npy")) continue;
     auto reader = SLF_TRY(ByteReader::open(path, member.offset, member.packed, Packing::deflate));
-    std::string head(kMaxHeader, '\0');
-    const auto got = SLF_TRY(reader.read(std::as_writable_bytes(std::span(head))));
-    head.resize(got);
+    const auto head = SLF_TRY(reader.read_text(kMaxHeader));
     auto array = parse(path, head);
     if (!array) {  // texts, say, beside the volume
       problem = array.error();

@@ -171,11 +171,9 @@ Result<std::vector<OtherAxis>> keep_space(const std::string& path, bool directed
     }
     return others;
   }
-  std::string found;
-  for (const Axis& axis : all)
-    found.append(found.empty() ? "" : "x")
-        .append(std::to_string(axis.size))
-        .append(axis.kind.empty() ? "" : " (" + in_quotes(axis.kind) + ")");
+  const std::string found = joined(all, "x", [](const Axis& axis) {
+    return concat(axis.size, axis.kind.empty() ? "" : " (" + in_quotes(axis.kind) + ")");
+  });
   return unsupported(path, "sizes ", found,
                      ", expected 3 axes of space, one of components and one of time: extract one "
                      "volume, e.g. `unu slice -a AXIS -p INDEX -i IN -o OUT.nrrd`");
@@ -351,9 +349,7 @@ Result<std::vector<std::string>> data_files(const TextHeader& header, const std:
   if (list) {
     for (const auto& name : header.listed) files.push_back(beside(path, name));
   } else {
-    auto numbered = numbered_files(path, parts.front(), given[0], given[1], given[2]);
-    if (!numbered) return numbered;
-    files = std::move(*numbered);
+    files = SLF_TRY(numbered_files(path, parts.front(), given[0], given[1], given[2]));
   }
   // Files of as many dimensions as there are share the last axis, in any number of equal parts.
   const auto rank = static_cast<std::int64_t>(axes.size());

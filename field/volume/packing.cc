@@ -216,11 +216,9 @@ Result<std::string> read_unpacked(const std::string& path, std::size_t limit) {
   auto reader = SLF_TRY(ByteReader::open(path, 0, true));
   std::string bytes;
   while (bytes.size() <= limit) {
-    const std::size_t done = bytes.size();
-    bytes.resize(done + kStep);
-    const auto got = SLF_TRY(reader.read(std::as_writable_bytes(std::span(bytes).subspan(done))));
-    bytes.resize(done + got);
-    if (got < kStep) return bytes;
+    const auto more = SLF_TRY(reader.read_text(kStep));
+    bytes += more;
+    if (more.size() < kStep) return bytes;
   }
   return unsupported(path, "unpacks to more than ", limit,
                      " bytes: unpack it yourself, and give the unpacked file");

@@ -285,7 +285,8 @@ bool looks_like_tiff(std::string_view head) { return image_formats::looks_like_t
 
 Result<std::set<std::string>> files_of_tiff_set(const std::string& path) {
   const auto file = SLF_TRY(TiffFile::open(path));
-  const auto text = SLF_TRY(file->description());
+  SLF_TRY(file->skip_thumbnails());
+  const std::string text = file->text(TIFFTAG_IMAGEDESCRIPTION);
   if (!looks_like_ome(text)) return std::set<std::string>{};
   return files_of_ome(text, path);
 }
@@ -325,13 +326,12 @@ Result<Volume> read_tiff(const std::string& path, std::string_view, const Volume
   volume.dims = SLF_TRY(
       check_dims(path, std::array<std::uint64_t, 3>{stack.kind.width, stack.kind.height, d.z}));
   const auto time = SLF_TRY(choose(path, options.time, d.times, "time point"));
-  const auto channel = choose_channel(path, stack, options);
-  if (!channel) return tl::unexpected(channel.error());
+  const auto channel = SLF_TRY(choose_channel(path, stack, options));
   set_spacing(d, options, volume);
   if (raw_stack)
-    return read_raw_stack(*stack.file, stack.kind, d, page_of(d, 0, channel->channel, time),
+    return read_raw_stack(*stack.file, stack.kind, d, page_of(d, 0, channel.channel, time),
                           std::move(volume));
-  SLF_TRY(append_slices(path, stack, *channel, time, volume.files, volume.voxels));
+  SLF_TRY(append_slices(path, stack, channel, time, volume.files, volume.voxels));
   return volume;
 }
 

@@ -44,8 +44,8 @@ class OmeReader {
       return source;
     }
     const auto file = SLF_TRY(image_formats::TiffFile::open(source));
-    const auto description = SLF_TRY(file->description());
-    SLF_TRY(parse(description, source + ": OME metadata"));
+    SLF_TRY(file->skip_thumbnails());
+    SLF_TRY(parse(file->text(TIFFTAG_IMAGEDESCRIPTION), source + ": OME metadata"));
     for (auto& image : images_)  // a place without a file is in the file of the metadata
       for (auto& [first, run] : image.d.runs)
         if (run.file.empty()) run.file = metadata_file_;

@@ -135,7 +135,7 @@ Result<Volume> read_any(const std::string& path, const VolumeOptions& options) {
   if (options.array && !(format && format->names_arrays))
     return misuse(path, "array ", in_quotes(*options.array),
                   " was chosen, but files of this format name none");
-  if (!format) return tl::unexpected(refuse_file(path, head));
+  if (!format) return refuse_file(path, head);
   const bool as_it_is =
       format->unpacks_itself || (format->names_files && format->names_files(head));
   if (packing_of_file(path) != Packing::none && !as_it_is)
@@ -155,13 +155,10 @@ std::size_t bytes_per_voxel(ScalarType type) {
 
 Result<ScalarType> parse_scalar_type(std::string_view text) {
   const std::string wanted = lower_case(trim(text));
-  std::string known;
-  for (const auto& [type, bytes, names] : type_names()) {
+  for (const auto& [type, bytes, names] : type_names())
     if (std::ranges::find(names, wanted) != names.end()) return type;
-    known += (known.empty() ? "" : ", ") + std::string(names.front());
-  }
   return fail(ErrorCode::usage, "unknown voxel type ", in_quotes(text), ", expected one of ",
-              known);
+              joined(type_names(), ", ", [](const TypeNames& type) { return type.names.front(); }));
 }
 
 std::span<const std::byte> Volume::bytes() const {

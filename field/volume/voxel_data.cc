@@ -76,22 +76,20 @@ class VoxelStream {
       SLF_TRY(open());
       const std::size_t wanted =
           std::min<std::uint64_t>(to.size() - done, bytes_.part - at_ % bytes_.part);
-      auto got = reader_->read(to.subspan(done, wanted));
-      if (!got) return got;
-      done += *got;
-      at_ += *got;
-      if (*got < wanted) break;
+      const auto got = SLF_TRY(reader_->read(to.subspan(done, wanted)));
+      done += got;
+      at_ += got;
+      if (got < wanted) break;
     }
     return done;
   }
 
   Result<void> skip(std::uint64_t count) {
     const bool same_file = reader_ && at_ + count <= (part_ + 1) * bytes_.part;
-    if (from_.packed && same_file) {
+    if (from_.packed && same_file)
       SLF_TRY(skip_bytes(*reader_, count));
-    } else {
+    else
       reader_.reset();
-    }
     at_ += count;
     return {};
   }
@@ -138,20 +136,18 @@ Result<std::size_t> read_component(VoxelStream& stream, const VoxelData& from, s
     while (done < to.size()) {
       const std::size_t wanted =
           std::min<std::uint64_t>(chunk.size(), (to.size() - done) / run * stride);
-      auto got = stream.read(std::span(chunk).first(wanted));
-      if (!got) return got;
-      for (std::size_t at = 0; at + stride <= *got; at += stride, done += run)
+      const auto got = SLF_TRY(stream.read(std::span(chunk).first(wanted)));
+      for (std::size_t at = 0; at + stride <= got; at += stride, done += run)
         std::memcpy(&to[done], &chunk[at + from.component * run], run);
-      if (*got < wanted) break;
+      if (got < wanted) break;
     }
     return done;
   }
   while (done < to.size()) {
     SLF_TRY(stream.skip(from.component * run));
-    auto got = stream.read(to.subspan(done, run));
-    if (!got) return got;
-    done += *got;
-    if (*got < run) break;
+    const auto got = SLF_TRY(stream.read(to.subspan(done, run)));
+    done += got;
+    if (got < run) break;
     SLF_TRY(stream.skip((from.components - 1 - from.component) * run));
   }
   return done;
@@ -159,13 +155,8 @@ Result<std::size_t> read_component(VoxelStream& stream, const VoxelData& from, s
 
 /// "5x4x3 voxels of u8 with 2 components".
 std::string describe(const VoxelData& from, const Volume& volume) {
-  std::string text;
-  for (const auto extent : volume.dims)
-    text.append(text.empty() ? "" : "x").append(std::to_string(extent));
-  text.append(" voxels of ").append(name(volume.type));
-  if (from.components > 1)
-    text.append(" with ").append(std::to_string(from.components)).append(" components");
-  return text;
+  const std::string text = concat(joined(volume.dims, "x"), " voxels of ", name(volume.type));
+  return from.components == 1 ? text : concat(text, " with ", from.components, " components");
 }
 
 /// Adds a note if a file goes on after what its header describes: too small a type, say. Reads
@@ -174,11 +165,10 @@ Result<void> note_longer(const VoxelData& from, const VoxelBytes& bytes, VoxelSt
                          Volume& volume) {
   const std::uint64_t needs = (from.packed ? 0 : from.offset) + from.skip + bytes.part;
   const auto add = [&](const std::string& file, std::uint64_t has) {
-    volume.notes.push_back(file + " has " + std::to_string(has) + (from.packed ? " unpacked" : "") +
-                           " bytes, but " +
-                           (from.volumes > 1 ? std::to_string(from.volumes) + " volumes of " : "") +
-                           describe(from, volume) + " need " + std::to_string(needs) +
-                           ": the rest is not read; check the type and the sizes");
+    volume.notes.push_back(
+        concat(file, " has ", has, from.packed ? " unpacked" : "", " bytes, but ",
+               from.volumes > 1 ? concat(from.volumes, " volumes of ") : "", describe(from, volume),
+               " need ", needs, ": the rest is not read; check the type and the sizes"));
   };
   if (from.packed) {
     // A hostile stream unpacks to no end.
@@ -220,10 +210,10 @@ Result<void> check_lengths(const VoxelData& from, const VoxelBytes& bytes, const
     const std::uint64_t needed = std::min(end, (i + 1) * bytes.part) - begin;
     const std::uint64_t before = from.skip + (begin - i * bytes.part);
     if (before > max_bytes || needed > max_bytes - before)
-      return fail(ErrorCode::bad_file, files[i], ": ", describe(from, volume), " need ", needed,
-                  " bytes from byte ", offset + before, " on, but the file holds ", there,
-                  from.packed ? " packed" : "",
-                  " bytes there: it is truncated, or its header is wrong");
+      return bad_file(files[i], describe(from, volume), " need ", needed, " bytes from byte ",
+                      offset + before, " on, but the file holds ", there,
+                      from.packed ? " packed" : "",
+                      " bytes there: it is truncated, or its header is wrong");
   }
   return {};
 }

@@ -181,10 +181,8 @@ Result<void> join(const std::vector<Part>& parts, const Extent& extent, Volume& 
 /// "'a', 'b'", of untrusted names.
 std::string list(const std::vector<std::string>& names) {
   constexpr std::size_t kMost = 16;
-  std::string text;
-  for (std::size_t i = 0; i < std::min(names.size(), kMost); ++i)
-    text += (i ? ", " : "") + in_quotes(names[i]);
-  return text + (names.size() > kMost ? " and more" : "");
+  return joined(std::span(names).first(std::min(names.size(), kMost)), ", ", in_quotes) +
+         (names.size() > kMost ? " and more" : "");
 }
 
 }  // namespace
@@ -192,8 +190,7 @@ std::string list(const std::vector<std::string>& names) {
 bool looks_like_vti(std::string_view head) { return head.find("<VTKFile") < 4096; }
 
 Result<Volume> read_vti(const std::string& path, std::string_view, const VolumeOptions& options) {
-  auto document = SLF_TRY(read_vti_document(path, options.array));
-  VtiDocument& d = document;
+  const auto d = SLF_TRY(read_vti_document(path, options.array));
   Volume volume;
   volume.source = path;
   if (d.type != "ImageData" && d.type != "PImageData")
@@ -208,8 +205,8 @@ Result<Volume> read_vti(const std::string& path, std::string_view, const VolumeO
                     in_quotes(d.array.type), ", expected Int8 to UInt64, Float32 or Float64");
   volume.type = *type;
   if (d.names.size() > 1 && !options.array)
-    volume.notes.push_back("of its " + std::to_string(d.names.size()) + " arrays (" +
-                           list(d.names) + "), " + in_quotes(d.array.name) + " is read");
+    volume.notes.push_back(concat("of its ", d.names.size(), " arrays (", list(d.names), "), ",
+                                  in_quotes(d.array.name), " is read"));
   // A single piece may be a part of the whole.
   const bool single = d.type == "ImageData" && d.pieces.size() == 1;
   const auto extent = SLF_TRY(parse_extent(
@@ -219,11 +216,10 @@ Result<Volume> read_vti(const std::string& path, std::string_view, const VolumeO
   const auto component = SLF_TRY(choose(path, options.component, d.array.components, "component"));
   SLF_TRY(choose(path, options.time, 1, "time point"));
   auto parts = SLF_TRY(read_parts(d, *type, component, volume));
-  if (single) {
+  if (single)
     volume.voxels = std::move(parts.front().voxels);
-  } else if (auto ok = join(parts, extent, volume); !ok) {
-    return tl::unexpected(ok.error());
-  }
+  else
+    SLF_TRY(join(parts, extent, volume));
   return volume;
 }
 

@@ -156,10 +156,9 @@ Result<std::vector<std::byte>> read_ascii(const VtiDocument& d, const VtiArray& 
 /// The offset of the appended data, after an underscore that blanks may precede.
 Result<std::uint64_t> find_appended(const std::string& path, std::uint64_t from) {
   auto reader = SLF_TRY(ByteReader::open(path, from, false));
-  std::array<std::byte, 256> bytes{};
-  const auto got = SLF_TRY(reader.read(bytes));
-  for (std::size_t i = 0; i < got; ++i)
-    if (static_cast<char>(bytes[i]) == '_') return from + i + 1;
+  const auto text = SLF_TRY(reader.read_text(256));
+  const auto underscore = text.find('_');
+  if (underscore != std::string::npos) return from + underscore + 1;
   return bad_file(path, "its appended data do not begin with '_'");
 }
 
@@ -191,9 +190,7 @@ Result<std::vector<std::byte>> read_vti_data(const VtiDocument& d, const VtiArra
     return read_packed(
         d, array, compressor, [&](std::span<std::byte> to) { return reader.read(to); }, type,
         needed);
-  std::string text(size - begin - array.offset, '\0');
-  const auto got = SLF_TRY(reader.read(std::as_writable_bytes(std::span(text))));
-  text.resize(got);
+  const auto text = SLF_TRY(reader.read_text(size - begin - array.offset));
   return read_packed(d, array, compressor, from_base64(text), type, needed);
 }
 

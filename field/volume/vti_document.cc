@@ -24,9 +24,8 @@ Result<std::string> read_markup(const std::string& path, std::uint64_t& appended
   std::string text;
   while (true) {
     const std::size_t from = text.size();
-    text.resize(from + kChunk);
-    const auto got = SLF_TRY(reader.read(std::as_writable_bytes(std::span(text).subspan(from))));
-    text.resize(from + got);
+    const auto more = SLF_TRY(reader.read_text(kChunk));
+    text += more;
     const auto tag = text.find("<AppendedData", from - std::min(from, kLongestTag));
     const auto end = text.find('>', tag);
     if (tag != std::string::npos && end != std::string::npos) {
@@ -34,7 +33,7 @@ Result<std::string> read_markup(const std::string& path, std::uint64_t& appended
       return text + (text.ends_with("/>") ? "" : "</AppendedData>") + "</VTKFile>";
     }
     appended = text.size();
-    if (got == 0) return text;
+    if (more.empty()) return text;
   }
 }
 

@@ -308,25 +308,24 @@ Result<Volume> read_vtk(const std::string& path, std::string_view, const VolumeO
   const auto size = SLF_TRY(file_size(path));
   const auto document = SLF_TRY(VtkParser(path, size).parse());
   if (document.arrays.empty()) return bad_file(path, "it holds no array of points or cells");
-  std::string names;
-  const Array* chosen = nullptr;
-  for (const Array& array : document.arrays) {
-    names += (names.empty() ? "" : ", ") + in_quotes(array.name);
-    if (!chosen && (!options.array || *options.array == array.name)) chosen = &array;
-  }
-  if (!chosen) return misuse(path, "no array ", in_quotes(*options.array), "; there are ", names);
+  const std::string names =
+      joined(document.arrays, ", ", [](auto& a) { return in_quotes(a.name); });
+  const auto chosen = std::ranges::find_if(document.arrays, [&](const Array& array) {
+    return !options.array || *options.array == array.name;
+  });
+  if (chosen == document.arrays.end())
+    return misuse(path, "no array ", in_quotes(*options.array), "; there are ", names);
   const Array& array = *chosen;
   Volume volume;
   volume.source = path;
   volume.type = array.type;
   if (document.arrays.size() > 1 && !options.array)
-    volume.notes.push_back("of its " + std::to_string(document.arrays.size()) + " arrays (" +
-                           names + "), " + in_quotes(array.name) + " is read");
+    volume.notes.push_back(concat("of its ", document.arrays.size(), " arrays (", names, "), ",
+                                  in_quotes(array.name), " is read"));
   SLF_TRY(set_position(document, array.of_cells, options, volume));
   if (volume.voxel_count() != array.tuples)
     return bad_file(path, "the array ", in_quotes(array.name), " has ", array.tuples,
-                    " tuples, but the dimensions are ", volume.dims[0], "x", volume.dims[1], "x",
-                    volume.dims[2]);
+                    " tuples, but the dimensions are ", joined(volume.dims, "x"));
   SLF_TRY(choose(path, options.time, 1, "time point"));
   const auto component = SLF_TRY(choose(path, options.component, array.components, "component"));
   const VoxelData data{.path = path,

@@ -26,10 +26,7 @@ tl::unexpected<Error> damaged(const std::string& path, std::string_view what) {
 
 Result<std::string> read_at(const std::string& path, std::uint64_t offset, std::size_t size) {
   auto reader = SLF_TRY(ByteReader::open(path, offset, false));
-  std::string bytes(size, '\0');
-  const auto got = SLF_TRY(reader.read(std::as_writable_bytes(std::span(bytes))));
-  bytes.resize(got);
-  return bytes;
+  return reader.read_text(size);
 }
 
 struct Directory {

@@ -118,11 +118,12 @@ void check_dicom(const std::string& path) {
   if (!slices || slices->empty()) return;
   const auto& slice = slices->back();
   if (slice.problem) return;
-  const auto frames = slf::volume_io::DicomPixelReader({slice}).next();
-  if (!frames) return;
-  require(frames->frame(slice).size() == std::size_t{slice.width} * slice.height *
-                                             slice.components() *
-                                             slf::bytes_per_voxel(slice.component_type()));
+  const auto check_size = [&](std::size_t, const std::vector<std::byte>& pixels) {
+    require(pixels.size() == std::size_t{slice.width} * slice.height * slice.components() *
+                                 slf::bytes_per_voxel(slice.component_type()));
+    return slf::Result<void>();
+  };
+  (void)slf::volume_io::for_each_frame({slice}, check_size);
 }
 
 }  // namespace
