@@ -102,7 +102,7 @@ Result<Field> compose_looks(const Field& field, std::span<const StructureLook> l
   for (const StructureLook& other : others) {
     if (other.opacity == 0) continue;  // it need not even exist
     auto one = other.field ? *other.field : open(other.name);
-    if (!one && one.error().code == ErrorCode::not_found)
+    if (!one && one.error().code == ErrorCode::not_found && !field.states().empty())
       one = field.in_state(other.name);  // names what there is
     const auto opened = SLF_TRY(std::move(one));
     shown.push_back({opened, other.opacity, other.tint});

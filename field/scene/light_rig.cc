@@ -108,7 +108,7 @@ Result<LightRig> parse_rig(const std::string& text, const std::string& source) {
   try {
     rig = json::parse(text, limit_nesting);
   } catch (const std::exception& error) {
-    return bad(error.what());
+    return bad(concat("expected a JSON object: ", error.what()));
   }
   if (!rig.is_object()) return bad("expected a JSON object");
   LightRig out;

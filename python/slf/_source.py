@@ -142,6 +142,7 @@ class _Voxels(NamedTuple):
     slope: float = 1.0
     intercept: float = 0.0
     source: str = "array"
+    unit: str = ""
 
 
 def _from_nibabel(image: Any) -> _Voxels:
@@ -153,14 +154,14 @@ def _from_nibabel(image: Any) -> _Voxels:
     data = np.asanyarray(data)
     if data.ndim > 3 and set(data.shape[3:]) == {1}:
         data = data.reshape(data.shape[:3], order="A")
-    to_mm = 1.0
+    to_mm = None
     with contextlib.suppress(AttributeError):
-        to_mm = {"meter": 1e3, "micron": 1e-3}.get(image.header.get_xyzt_units()[0], 1.0)
+        to_mm = {"meter": 1e3, "mm": 1.0, "micron": 1e-3}.get(image.header.get_xyzt_units()[0])
+    scale = np.array([-1, -1, 1]) * (to_mm or 1.0)  # from RAS
     place = _affine_place(image.affine)
-    to_lps = np.array([-1, -1, 1])
     name = getattr(image, "get_filename", lambda: None)()
-    return _Voxels(data.T, _place(place.origin * to_lps * to_mm, place.axes * to_lps * to_mm),
-                   slope, intercept, os.fspath(name) if name else "image")
+    return _Voxels(data.T, _place(place.origin * scale, place.axes * scale), slope, intercept,
+                   os.fspath(name) if name else "image", "mm" if to_mm else "")
 
 
 def _from_itk(image: Any) -> _Voxels:
@@ -296,7 +297,8 @@ def _volume(source: Any, *, labels: bool, folder: str | None, mapped: list[mmap.
     finite("scale", (voxels.slope, voxels.intercept))
     array = _in_order(voxels.array, folder, mapped)
     volume = _slf.Volume(array, tuple(place.origin), [tuple(axis) for axis in place.axes],
-                         voxels.slope, voxels.intercept, labels, name or voxels.source,
+                         voxels.slope, voxels.intercept, labels, voxels.unit,
+                         name or voxels.source,
                          [voxels.source] if os.path.exists(voxels.source) else [])
     return volume, place
 

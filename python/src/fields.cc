@@ -270,7 +270,7 @@ std::vector<StructureLook> looks_of(const LookTuples& structures) {
   std::vector<StructureLook> looks;
   for (const auto& structure : structures) {
     if (const auto* text = std::get_if<Text>(&structure)) {
-      looks.push_back(value_of(parse_structures({text, 1}))[0]);
+      looks.push_back(value_of(parse_structures(std::array{std::string(*text)}))[0]);
       continue;
     }
     const auto& [what, opacity, tint] = std::get<LookTuple>(structure);

@@ -689,7 +689,7 @@ def test_each_label_is_a_state(atlas_path, tmp_path, command):
             (labels, {"labels": True, "each_label": True, "states": [{"name": "all"}]},
              "each_label makes"),
             (labels + 1, {"each_label": True}, "amounts, not labels.*see the setting labels"),
-            (labels, {"each_label": True, "labels": True}, "array: no label of it is visible"),
+            (labels, {"each_label": True, "labels": True}, "array: has no visible label"),
             (slf.Scene(), {"each_label": True}, "each_label: not for scenes of Python")]:
         with pytest.raises(slf.UsageError, match=message):
             slf.build(source, tmp_path / "c.slf", **settings)

@@ -175,7 +175,7 @@ TEST(Outputs, AnExportThatFailsLeavesNothingInTheWay) {
 // What it left of a field of several states is gone on from, or makes room for other ones.
 TEST(Outputs, AnExportOfStatesThatIsKilledLeavesNothingInTheWay) {
   Workplace place;
-  const std::string field = place / "a.slf", draft = place / "site.exporting.unfinished";
+  const std::string field = place / "a.slf", draft = place / "site.exporting.repacking";
   write_text(place / "v.nrrd", nrrd(5.5));
   write_text(place / "s.json", R"({"states": [{"name": "a"},
     {"name": "b", "clip": [[5.5, 5.5, 5.5, 0, 0, 1]]}, {"name": "c", "transfer": "flame"}]})");
@@ -189,10 +189,10 @@ TEST(Outputs, AnExportOfStatesThatIsKilledLeavesNothingInTheWay) {
   };
   if (slf(command("a,b")).exit_code == 5) GTEST_SKIP() << "this slf has no page";
   const auto killed = [&](const Arguments& arguments) {
-    for (int k = 0; k < 200; ++k) {
+    for (int attempt = 0; attempt < 200; ++attempt) {
       Running exporting(arguments);
-      if (!appears(draft)) break;
-      std::this_thread::sleep_for(std::chrono::milliseconds(k));
+      for (int k = 0; k < 10'000 && !fs::exists(draft); ++k)  // it lives for some milliseconds
+        std::this_thread::sleep_for(std::chrono::microseconds(50));
       exporting.stop(SIGKILL);
       if (exporting.wait().signal == SIGKILL && fs::exists(draft)) return true;
     }
@@ -216,7 +216,7 @@ TEST(Outputs, AnExportOfStatesThatIsKilledLeavesNothingInTheWay) {
   }
   // A file of that name that is no draft stays.
   write_text(draft, "precious");
-  EXPECT_OUTCOME(slf(command("a,b")), 3, "site.exporting.unfinished");
+  EXPECT_OUTCOME(slf(command("a,b")), 3, "site.exporting.repacking");
   EXPECT_EQ(read_text(draft), "precious");
 }
 
