@@ -203,12 +203,12 @@ Result<std::unique_ptr<Scene>> volume_scene(const SceneDescription& d) {
       d.transfer.empty() && !d.range ? preset->function : preset->fit(volume, d.range);
   const json light_of = d.reference ? json() : built.value("light_of", json());
   std::shared_ptr<const Scene> light_from;
-  if (light_of.is_object()) {  // a patch that makes the provenance of the other scene of this one
+  if (light_of.is_object()) {  // the members that the provenance of the other scene has otherwise
     volume.share();
     SceneDescription other = d;
     other.volume = std::make_shared<const Volume>(volume);
     json patched = built;
-    patched.merge_patch(light_of);
+    patched.update(light_of);
     patched.erase("light_of");
     other.truth_of = patched.dump();
     const json parts = patched.value("structures", json::object());

@@ -14,7 +14,13 @@ namespace {
 using nlohmann::json;
 
 /// What scenes with one light may differ by.
-constexpr const char* kCuts[] = {"clip", "structures"};
+constexpr std::string_view kCuts[] = {"clip", "structures"};
+
+/// What a provenance says of a cut. Not null if nothing: manifests store states as merge patches,
+/// which would lose it.
+json said_of(std::string_view cut, const json& provenance) {
+  return provenance.value(std::string(cut), cut == "clip" ? json::array() : json::object());
+}
 
 /// A node has its own light, in part, from this difference of optical depths on, and whole from the
 /// second one on.
@@ -22,7 +28,7 @@ constexpr float kOpened = 0.25f, kOpen = 1;
 
 json without_cuts(const VolumeScene& scene) {
   json key = json::parse(light_key(scene.provenance));
-  for (const char* cut : kCuts) key.erase(cut);
+  for (const std::string_view cut : kCuts) key.erase(std::string(cut));
   return key;
 }
 
@@ -53,10 +59,10 @@ Result<void> check_shared_light(const VolumeScene& scene, const VolumeScene& fro
 std::string with_light_of(const std::string& provenance, const std::string& from) {
   json own = json::parse(provenance);
   const json other = json::parse(from);
-  json patch = json::object();
-  for (const char* cut : kCuts)
-    if (own.value(cut, json()) != other.value(cut, json())) patch[cut] = other.value(cut, json());
-  own["light_of"] = patch;
+  json& members = own["light_of"] = json::object();
+  for (const std::string_view cut : kCuts)
+    if (const json theirs = said_of(cut, other); theirs != said_of(cut, own))
+      members[std::string(cut)] = theirs;
   return own.dump();
 }
 

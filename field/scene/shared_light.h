@@ -14,8 +14,8 @@ namespace slf {
 /// light.
 [[nodiscard]] Result<void> check_shared_light(const VolumeScene& scene, const VolumeScene& from);
 
-/// The provenance of a scene that has the light of another one: its member `light_of` is what
-/// changes its own provenance to that of the other, as a JSON merge patch (RFC 7386).
+/// The provenance of a scene that has the light of another one: its member `light_of` has the
+/// members that the provenance of the other has otherwise.
 [[nodiscard]] std::string with_light_of(const std::string& provenance, const std::string& from);
 
 /// `lit`, the light volume of `from`, for `scene`. Nodes that `scene` lays open, which lie less
