@@ -23,7 +23,7 @@ namespace slf {
 namespace {
 
 constexpr std::uint32_t kTakenBlocks = 16;  // blocks that a thread reserves at a time
-constexpr std::size_t kRayScratch = 512;    // approximate scratch per ray of a block, in bytes
+constexpr std::size_t kRayScratch = 1280;   // approximate scratch per ray of a block, in bytes
 // Scratch per sample of a predicted tile that is coded in blocks, or sample by sample.
 constexpr std::size_t kBlockScratch = 28, kSampleScratch = 64;
 
