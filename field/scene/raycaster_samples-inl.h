@@ -119,11 +119,13 @@ HWY_INLINE void load_integrals(const TransferTable& table, Ints entry, Floats& b
 #endif
 }
 
+/// Colours of a piece that change by more, times its share of what is seen, are refined.
+constexpr float kSteep = 1.f / 16;
+
 /// Finds the entry of a steep piece, where its mean position is uncertain: the mean of its parts,
 /// by what is seen of each.
 template <class S>
-HWY_NOINLINE void refine_entry(const TransferTable& table, Samples<S>& samples, int k,
-                               std::size_t s) {
+void refine_entry(const TransferTable& table, Samples<S>& samples, int k, std::size_t s) {
   constexpr int kParts = 8;
   const float from = samples.value[k][s] + 0.5f, change = samples.value[k + 1][s] + 0.5f - from;
   const auto entry = [&](float part) {
@@ -141,6 +143,21 @@ HWY_NOINLINE void refine_entry(const TransferTable& table, Samples<S>& samples, 
     left *= passes;
   }
   if (left < 1) samples.entry[k][s] = entry(mean / (1 - left));
+}
+
+/// The same for those of kLanes pieces, from sample `i` on, if they are steep.
+/// `entries`: those at the ends of the pieces.
+template <class S>
+HWY_NOINLINE void refine_entries(const TransferTable& table, Samples<S>& samples, int k,
+                                 std::size_t i, const Ints (&entries)[kPieces + 1], Floats share) {
+  const float* const path = table.color_path.data();
+  const Floats change =
+      hn::GatherIndex(kFloats, path, entries[k + 1]) - hn::GatherIndex(kFloats, path, entries[k]);
+  std::uint8_t bytes[8] = {};
+  hn::StoreMaskBits(kFloats, share * hn::Abs(change) > hn::Set(kFloats, kSteep), bytes);
+  for (unsigned bits = bytes[0] | bytes[1] << 8; bits != 0; bits &= bits - 1)
+    if (const auto s = i + static_cast<std::size_t>(std::countr_zero(bits)); s < samples.size)
+      refine_entry(table, samples, k, s);
 }
 
 /// Finds the opacity of each sample and its pieces. Labels are constant along an interval; a row of
@@ -181,13 +198,11 @@ HWY_INLINE void find_opacity(const RayGrid& grid, Samples<S>& samples) {
       hn::Store(at[k], kFloats, samples.value[k] + i);
       entries[k] = hn::Min(entry + row, end);
     }
-    // The integral of the extinction up to each of them, and the path of colours.
-    Floats before[kPieces + 1], extinction[kPieces + 1], path[kPieces + 1];
+    // The integral of the extinction up to each of them.
+    Floats before[kPieces + 1], extinction[kPieces + 1];
     for (int k = 0; k <= kPieces; ++k) {
       load_integrals(table, entries[k], before[k], extinction[k]);
       before[k] = hn::MulAdd(within[k], extinction[k], before[k]);
-      if constexpr (!kLabels)
-        path[k] = hn::GatherIndex(kFloats, table.color_path.data(), entries[k]);
     }
     const Floats length = hn::Load(kFloats, samples.length + i) * piece;
     Floats left = one, center = zero;
@@ -221,14 +236,12 @@ HWY_INLINE void find_opacity(const RayGrid& grid, Samples<S>& samples) {
       center = hn::MulAdd(share, place, center);
       const Ints entry = hn::Min(hn::NearestInt(hn::MulAdd(middle, change, at[k])), last);
       hn::Store(row + hn::Max(entry, hn::Zero(kInts)), kInts, samples.entry[k] + i);
-      if constexpr (!kLabels) {
-        const auto steep = share * hn::Abs(path[k + 1] - path[k]) > hn::Set(kFloats, 1.f / 16);
-        std::uint8_t bytes[8] = {};
-        hn::StoreMaskBits(kFloats, steep, bytes);
-        for (unsigned bits = bytes[0] | bytes[1] << 8; bits != 0; bits &= bits - 1)
-          if (const auto s = i + static_cast<std::size_t>(std::countr_zero(bits)); s < samples.size)
-            refine_entry(table, samples, k, s);
-      }
+      // Few pieces reach so many entries that they may be steep.
+      const Floats step = hn::Set(kFloats, 1.001f * table.color_step);
+      const auto may_be =
+          share * hn::MulAdd(hn::Abs(change), step, step) > hn::Set(kFloats, kSteep);
+      if (!kLabels && !hn::AllFalse(kFloats, may_be))
+        refine_entries(table, samples, k, i, entries, share);
       left = after;
     }
     const Floats opacity = one - left;

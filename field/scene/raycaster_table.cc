@@ -100,8 +100,10 @@ void integrate(TransferTable& table) {
       table.integrals[k] = {static_cast<float>(before), static_cast<float>(mean)};
       before += mean;
       table.color_path[k] = static_cast<float>(path);
-      const glm::vec4 step = glm::abs(table.colors[next] - table.colors[k]);
-      path += step.r + step.g + step.b;
+      const glm::vec4 change = glm::abs(table.colors[next] - table.colors[k]);
+      const float step = change.r + change.g + change.b;
+      table.color_step = std::max(table.color_step, step);
+      path += step;
     }
   }
 }

@@ -41,6 +41,7 @@ struct TransferTable {
   std::vector<float> extinctions;   ///< at each of `colors`, at most kMaxExtinction
   std::vector<Integral> integrals;  ///< one for each of `colors`; see integrate()
   std::vector<float> color_path;    ///< how much colours change up to each, in their channels' sum
+  float color_step = 0;             ///< the most by which `color_path` grows from entry to entry
   double unit_distance = 1;         ///< the length that the transfer function's opacities are for
 
   /// The surface of matter of opacity 1 is this dense: it absorbs all light within half a voxel.
