@@ -35,9 +35,9 @@ TEST(LevelGeometry, TablesAgreeWithTheSectionFunctions) {
               if (inverted && x + y + 1 >= m) continue;
               const Cell cell{octant, {x, y}, inverted, {}};
               const auto found = geometry.exit_cell(cell);
-              const auto n = static_cast<std::int32_t>(shape.exit_side);
-              const bool down = x % n + y % n + (inverted ? 1 : 0) >= n;
-              const Section section = section_at(octant, {x / n, y / n, down}, level);
+              const auto side = static_cast<std::int32_t>(shape.exit_side);
+              const bool down = x % side + y % side + (inverted ? 1 : 0) >= side;
+              const Section section = section_at(octant, {x / side, y / side, down}, level);
               ASSERT_EQ(found.section, section.index);
               const auto corners = cell.corners();
               for (int c = 0; c < 3; ++c) {
