@@ -380,8 +380,6 @@ struct ShardArguments {
 };
 /// The path with {K} and {N} replaced by the shard's numbers; K has as many digits as N.
 [[nodiscard]] std::string name_of_part(std::string path, const ShardOptions& shard);
-/// The path with {state} replaced by the name of a state, whose slashes become underscores.
-[[nodiscard]] std::string name_of_state(std::string path, std::string state);
 
 /// --exposure and --tonemap.
 void add_tone(CLI::App& command, ToneMapping& tone, const char* heading);

@@ -46,12 +46,14 @@ Result<void> split(const RepackArguments& a, std::span<const StateSource> states
                    const RepackOptions& options) {
   if (a.output.find("{state}") == std::string::npos)
     return misuse(a.output, "--split-states needs {state} in the output's name");
-  std::map<std::string, std::string> written;  // the states in files
+  std::map<std::string, std::string> files;  // and the names of their states
+  for (const StateSource& state : states)
+    if (const auto [file, is_new] = files.emplace(name_of_state(a.output, state.name), state.name);
+        !is_new)
+      return misuse(file->first, "is the file of the state '", file->second, "', and of '",
+                    state.name, "', too; choose one with --states");
   for (const StateSource& state : states) {
     const std::string path = name_of_state(a.output, state.name);
-    if (const auto [file, is_new] = written.emplace(path, state.name); !is_new)
-      return misuse(path, "is the file of the state '", file->second, "', and of '", state.name,
-                    "', too; choose one with --states");
     const auto report = SLF_TRY(
         repack_field(state.field, path, options, progress_bar("repack", "tiles", OnSignal::stop)));
     print("{}: {}\n", path, human_bytes(static_cast<double>(report.file_bytes)));

@@ -120,11 +120,4 @@ std::string name_of_part(std::string path, const ShardOptions& shard) {
   return path;
 }
 
-std::string name_of_state(std::string path, std::string state) {
-  std::ranges::replace_if(
-      state, [](unsigned char c) { return c == '/' || c < ' '; }, '_');
-  replace_all(path, "{state}", state);
-  return path;
-}
-
 }  // namespace slf::cli

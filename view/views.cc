@@ -169,7 +169,11 @@ Result<void> begin_with(const First& first, const Field& field, Views& views) {
     return fail(ErrorCode::usage, field.path(),
                 ": has no structures that its page could choose from");
   SLF_TRY(structures_of(field, looks, unknown));
-  if (!unknown.empty()) return field.in_state(unknown[0].name).map([](const Field&) {});
+  if (!unknown.empty()) {
+    const auto number = SLF_TRY(field.in_state(unknown[0].name));  // or else names what there is
+    return fail(ErrorCode::usage, field.path(), ": a structure is named, here as '",
+                field.states()[number.state()], "'");
+  }
   views.structures.emplace();
   for (const StructureLook& look : looks) views.structures->push_back(text_of(look));
   views.attributes = attribute(*views.structures) + views.attributes;

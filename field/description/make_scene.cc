@@ -322,6 +322,15 @@ Result<std::unique_ptr<Scene>> make_scene(const SceneDescription& d) {
   return volume_scene(d);
 }
 
+std::string name_of_state(std::string path, std::string state) {
+  constexpr std::string_view kState = "{state}";
+  std::ranges::replace_if(
+      state, [](unsigned char c) { return c == '/' || c < ' '; }, '_');
+  for (std::size_t at = 0; (at = path.find(kState, at)) != std::string::npos; at += state.size())
+    path.replace(at, kState.size(), state);
+  return path;
+}
+
 Result<std::vector<NamedScene>> make_label_scenes(SceneDescription d) {
   if (!d.volume && !d.labels_volume) {
     if (d.check) SLF_TRY(d.check(d.files()));

@@ -10,6 +10,7 @@
 
 #include "field/scene/light_grid.h"
 #include "field/scene/raycaster_table.h"
+#include "field/volume/voxels.h"
 #include "slf/raycaster.h"
 #include "slf/scene.h"
 #include "slf/volume.h"
@@ -88,22 +89,15 @@ struct RayGrid {
   float inverse_gradient_floor = 0;  ///< 1 / length; shading fades out for shorter gradients
 };
 
-/// Calls `visitor` with a zero of the type of a grid's voxels, one of those above, and returns what
-/// it returns. As with_type(), which would compile kernels for ten types.
+/// with_type() of a grid's voxels, which have one of five types.
 template <class Visitor>
 decltype(auto) with_grid_type(ScalarType type, const Visitor& visitor) {
-  switch (type) {
-    case ScalarType::u8:
-      return visitor(std::uint8_t{});
-    case ScalarType::i8:
-      return visitor(std::int8_t{});
-    case ScalarType::u16:
-      return visitor(std::uint16_t{});
-    case ScalarType::i16:
-      return visitor(std::int16_t{});
-    default:
+  return with_type(type, [&]<class T>(T voxel) -> decltype(auto) {
+    if constexpr (sizeof(T) <= 2)
+      return visitor(voxel);
+    else
       return visitor(float{});
-  }
+  });
 }
 
 /// Traces each ray to one sample. Selects the best instruction set at run time. A ray's sample does

@@ -102,6 +102,10 @@ struct LabelGroup {
 /// and read_label_table().
 [[nodiscard]] Result<std::vector<LabelGroup>> label_groups(const SceneDescription& description);
 
+/// The path with {state} replaced by the name of a state, whose slashes and control characters
+/// become underscores.
+[[nodiscard]] std::string name_of_state(std::string path, std::string state);
+
 /// A scene, and the name of the state that it is of.
 struct NamedScene {
   std::string name;

@@ -513,7 +513,7 @@ def repack(field: Field | Path | Sequence[Field | Path], out: Path, *,
     given = field if isinstance(field, (list, tuple)) else [field]
     with contextlib.ExitStack() as stack, reporter(progress, "repack") as report:
         opened = [stack.enter_context(_opened(one)) for one in given]
-        sources = [(one._field, [str(state) for state in states or one._opened_with[3:]
+        sources = [(one._field, [str(state) for state in states or (one._opened_with[3],)
                                  if state is not None]) for one in opened]
         done = _slf.repack(sources, out, codec, depth, finest_level, sorted(subfields), half, light,
                            memory, threads, force, report)

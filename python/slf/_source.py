@@ -382,8 +382,7 @@ def scenes_of(stack: contextlib.ExitStack, source: Any, *,
         if "name" in state:
             settings["name"] = given.get("name")
         if settings.get("light_file"):
-            settings["light_file"] = os.fspath(settings["light_file"]).replace(
-                "{state}", name.replace("/", "_"))
+            settings["light_file"] = _slf.name_of_state(settings["light_file"], name)
         notes: list[str] = []
         made = _made(stack, settings, each_label, notes, report, folder, truth_of,
                      {"linear": linear, "threads": threads, "sphere": sphere, "truth_of": truth_of})

@@ -396,6 +396,8 @@ void bind_scenes(py::module_& module) {
            })
       .def("raycast", raycast);
   module.def("make_scenes", make_scenes);
+  module.def("name_of_state",
+             [](const Text& path, const Text& state) { return Text(name_of_state(path, state)); });
   module.def("ray_scene", [](py::object fn, const SphereTuple& sphere,
                              const std::string& provenance, std::size_t batch, bool concurrent) {
     SceneHandle handle;
