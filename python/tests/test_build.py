@@ -432,7 +432,7 @@ import sys, slf
 try:
     slf.build("scene:balls", sys.argv[1], entry=2, exit=8, finest_level=5,
               progress=lambda done, total, skipped:
-                  print("going", flush=True) if done > total / 20000 else None)
+                  print("going", flush=True) if done > total / 8000 else None)
 except KeyboardInterrupt:
     print("interrupted", flush=True)
 """
