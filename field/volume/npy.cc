@@ -141,9 +141,7 @@ Result<Volume> read_array(const NpyHeader& header, VoxelData data, const VolumeO
     return unsupported(path, "an array of shape ", describe_shape(header.shape),
                        ", expected z, y, x with time before them and colour after: save the part "
                        "that you want as an array of its own");
-  Volume volume;
-  volume.source = path;
-  volume.type = header.type;
+  Volume volume{.type = header.type, .source = path};
   if (!header.fortran_order) std::ranges::reverse(space);
   volume.dims = SLF_TRY(check_dims(path, space));
   const auto time = SLF_TRY(choose(path, options.time, times, "time point"));

@@ -197,8 +197,8 @@ Result<void> check_lengths(const VoxelData& from, const VoxelBytes& bytes, const
     const auto size = file_size(files[i]);
     if (!size && from.parts.empty()) return tl::unexpected(size.error());
     if (!size)
-      return fail(size.error().code, volume.source, ": its data file ", i + 1, " of ", files.size(),
-                  " cannot be read: ", size.error().message);
+      return fail_in(size.error(), volume.source, ": its data file ", i + 1, " of ", files.size(),
+                     " cannot be read: ");
     const std::uint64_t offset = offset_in(from, bytes, *size);
     const std::uint64_t there = *size > offset ? *size - offset : 0;
     const std::uint64_t max_bytes =
