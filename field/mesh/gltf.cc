@@ -138,6 +138,8 @@ class GltfReader {
     return wrong(what...);
   }
 
+  // The document, and the bytes that it names.
+
   Result<void> open() {
     ByteSpan json = bytes_;
     if (chars_of(bytes_).starts_with("glTF")) {
@@ -218,6 +220,8 @@ class GltfReader {
     return whole.subspan(*offset, *size);
   }
 
+  // Numbers: accessors of these bytes.
+
   /// Copies numbers, `width` for each of `count` elements, out of a buffer view.
   template <class T>
   Result<void> copy(const JsonValue& from, std::uint64_t type, bool normalized, std::size_t width,
@@ -294,6 +298,8 @@ class GltfReader {
     return out;
   }
 
+  // Materials, and their textures.
+
   Result<void> read_materials() {
     for (const JsonValue& from : materials_) {
       MeshMaterial to;
@@ -369,6 +375,8 @@ class GltfReader {
     to.texture = SLF_TRY(to_.texture(name, bytes));
     return {};
   }
+
+  // Nodes, and the joints of skins.
 
   /// Computes where nodes are, and which of them the scene shows.
   Result<void> place_nodes() {
@@ -459,6 +467,8 @@ class GltfReader {
     }
     return &joints;
   }
+
+  // Meshes.
 
   Result<void> add_node(std::size_t k) {
     if (!nodes_[k]["mesh"]) return {};

@@ -1,3 +1,5 @@
+// LightSolver solves single nodes: points around a node, what lights them, and paths from them.
+// LightComputer, below, decides which nodes are solved, in which passes, and has them filtered.
 #include "field/scene/light_volume.h"
 
 #include <algorithm>

@@ -188,8 +188,7 @@ Result<Volume> read_folder(const std::string& path, const VolumeOptions& options
   std::size_t all = 0, format = 0;
   for (std::size_t i = 0; i < kFormats.size(); ++i) {
     if (files[i].empty()) continue;
-    found.append(all > 0 ? " and " : "").append(std::to_string(files[i].size()));
-    found.append(" ").append(kFormats[i].plural);
+    found += concat(all > 0 ? " and " : "", files[i].size(), " ", kFormats[i].plural);
     all += files[i].size();
     if (files[i].size() > files[format].size()) format = i;
   }

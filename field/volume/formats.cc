@@ -138,6 +138,7 @@ struct Text {
 };
 constexpr auto kPage =
     "the download brought a page instead of the file; download it again, in a browser"sv;
+constexpr auto kCameras = "name it pictures:IN, for the pictures that it lists"sv;
 constexpr Text kTexts[] = {
     {"<!doctype html", "", "", {"a web page", kPage}},
     {"<html", "", "", {"a web page", kPage}},
@@ -145,10 +146,7 @@ constexpr Text kTexts[] = {
     {"<", "<gifti", "", {"a GIFTI surface", kMesh}},
     {"<", "<mrml", "", {"a scene of 3D Slicer", "save the volume in it, as NRRD"}},
     {"{", "\"asset\"", ".gltf", {"a glTF scene", kMesh}},
-    {"{",
-     "\"frames\"",
-     "",
-     {"a file of cameras", "name it pictures:IN, for the pictures that it lists"}},
+    {"{", "\"frames\"", "", {"a file of cameras", kCameras}},
     {"<?xml", "", "", {"an XML document of an unknown kind", "give the volume itself"}}};
 
 bool has_ending(const std::string& file, std::initializer_list<std::string_view> endings) {

@@ -151,7 +151,7 @@ Result<VoxelData> choose_volume(std::vector<std::uint64_t> sizes, std::uint32_t 
         ", expected 3, then time, then components: extract one volume into a file of its own");
   const std::uint64_t times = sizes.size() > 3 ? sizes[3] : 1;
   const std::uint64_t outer = sizes.size() > 4 ? sizes[4] : 1;
-  VoxelData data{.path = source, .components = components};
+  VoxelData data{.files = {source}, .components = components};
   if (__builtin_mul_overflow(times, outer, &data.volumes))
     return bad_file(source, "absurd dims: ", times, " time points of ", outer, " components");
   volume.dims = SLF_TRY(check_dims(source, sizes));

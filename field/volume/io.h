@@ -26,7 +26,9 @@ namespace slf::volume_io {
 
 /// The location of a volume's voxels in a file, or in several.
 struct VoxelData {
-  std::string path;
+  /// At least one. Several hold the volumes in parts of equal size, each at `offset` and `skip` of
+  /// its own. REQUIRES where there are several: `volumes` is known.
+  std::vector<std::string> files{};
   std::uint64_t offset = 0;  ///< bytes of the file before the voxels, or before the packed stream
   bool packed = false;
   Packing packing = Packing::none;  ///< of packed data; none: as their first bytes say, or zlib
@@ -41,9 +43,6 @@ struct VoxelData {
   /// The number of volumes that are stored one after another, 0 where it is unknown, and the one to
   /// read.
   std::uint64_t volumes = 0, index = 0;
-  /// The files that hold the volumes in parts of equal size, each at `offset` and `skip` of its
-  /// own. Empty: all is in `path`. REQUIRES where there are several: `volumes` is known.
-  std::vector<std::string> parts{};
 };
 
 /// Reads a file from an offset on, forward only, and unpacks it.

@@ -110,7 +110,7 @@ Result<void> read_scale(const TextHeader& header, Volume& volume) {
   return {};
 }
 
-/// The paths of several data files, in order: a list, or a pattern with numbers. Empty: one file.
+/// The paths of several data files, in order: a list, or a pattern with numbers; or one file.
 Result<std::vector<std::string>> data_files(const TextHeader& header,
                                             const std::vector<std::uint64_t>& sizes) {
   const std::string& path = header.path;
@@ -119,7 +119,8 @@ Result<std::vector<std::string>> data_files(const TextHeader& header,
   // As in MetaIO: `LIST [DIMENSIONS OF A FILE]`, or `PATTERN [FIRST [LAST [STEP]]]`.
   std::vector<std::int64_t> given;
   const bool list = text.starts_with("LIST");
-  if (!list && text.find('%') == std::string::npos) return std::vector<std::string>{};
+  if (!list && text.find('%') == std::string::npos)
+    return std::vector{lower_case(text) == "local" ? path : beside(path, text)};
   for (std::size_t i = 1; i < parts.size(); ++i) {
     auto word = parts[i];
     if (list && (word.ends_with('D') || word.ends_with('d'))) word.remove_suffix(1);
@@ -163,18 +164,14 @@ Result<void> locate(const TextHeader& header, const std::vector<std::uint64_t>& 
   const auto binary = SLF_TRY(flag(header, "BinaryData", true));
   if (!binary)
     return unsupported(path, "voxels as text (BinaryData = False): save the volume as binary");
-  data.offset = header.bytes;
   data.packed = SLF_TRY(flag(header, "CompressedData", false));
   data.big_endian = SLF_TRY(flag(header, "BinaryDataByteOrderMSB", false));
-  const std::string& file = *header.find("ElementDataFile");
-  data.parts = SLF_TRY(data_files(header, sizes));
-  if (!data.parts.empty() || lower_case(file) != "local") {
-    data.path = data.parts.empty() ? beside(path, file) : data.parts.front();
-    data.offset = 0;
-  }
-  SLF_TRY(header.check_data_file(data.path));
+  data.files = SLF_TRY(data_files(header, sizes));
+  const bool local = lower_case(*header.find("ElementDataFile")) == "local";
+  data.offset = local ? header.bytes : 0;
+  SLF_TRY(header.check_data_file(data.files.front()));
   const auto skip = SLF_TRY(header.integer("HeaderSize", -1, kMaxSkip, 0));
-  if (header.find("HeaderSize") && data.path != path) {
+  if (header.find("HeaderSize") && !local) {
     data.at_end = skip < 0 && !data.packed;
     data.offset = static_cast<std::uint64_t>(std::max<std::int64_t>(skip, 0));
   }

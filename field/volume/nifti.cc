@@ -343,12 +343,12 @@ Result<Volume> read_nifti(const std::string& path, std::string_view head,
   data.skip = static_cast<std::uint64_t>(header.vox_offset);
   const std::uint64_t header_bytes = big_endian_of(head, kHeader1) ? kHeader1 : kHeader2;
   if (!header.single_file)
-    data.path = partner_of(path, ".img");
+    data.files = {partner_of(path, ".img")};
   else if (data.skip < header_bytes)
     data.skip = header_bytes + 4;  // unset: after the header and its extension flag
-  if (const auto size = file_size(data.path); !size)
+  if (const auto size = file_size(data.files.front()); !size)
     return fail_in(size.error(), path, ": its voxels cannot be read: ");
-  data.packed = packing_of_file(data.path) != Packing::none;
+  data.packed = packing_of_file(data.files.front()) != Packing::none;
   SLF_TRY(read_voxels(data, volume));
   return volume;
 }

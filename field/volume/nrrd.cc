@@ -313,14 +313,14 @@ Result<bool> parse_big_endian(const TextHeader& header, ScalarType type) {
 }
 
 /// The paths of several data files, in order: `LIST [SUBDIM]`, or `PATTERN MIN MAX STEP [SUBDIM]`.
-/// Empty: one file.
+/// Else it names one file.
 Result<std::vector<std::string>> data_files(const TextHeader& header, const std::string& text,
                                             const std::vector<Axis>& axes) {
   const std::string& path = header.path;
   const auto parts = words(text);
   const bool list = text.starts_with("LIST");
   if (!list && (text.find('%') == std::string::npos || parts.size() < 4))
-    return std::vector<std::string>{};
+    return std::vector{beside(path, text)};
   std::vector<std::int64_t> given;
   for (std::size_t i = 1; i < parts.size(); ++i) {
     const auto value = parse_integer(parts[i]);
@@ -352,22 +352,21 @@ Result<std::vector<std::string>> data_files(const TextHeader& header, const std:
 /// Finds the voxels. `axes`: all of them, as in the header.
 Result<void> locate(const TextHeader& header, ScalarType type, const std::vector<Axis>& axes,
                     VoxelData& data) {
-  data.path = header.path;
+  data.files = {header.path};
   data.offset = header.bytes;
   if (const auto* text = header.find("datafile")) {
-    data.parts = SLF_TRY(data_files(header, *text, axes));
-    data.path = data.parts.empty() ? beside(header.path, *text) : data.parts.front();
+    data.files = SLF_TRY(data_files(header, *text, axes));
     data.offset = 0;
   }
   data.packing = SLF_TRY(parse_packing(header));
   data.packed = data.packing != Packing::none;
   data.big_endian = SLF_TRY(parse_big_endian(header, type));
-  SLF_TRY(header.check_data_file(data.path));
+  SLF_TRY(header.check_data_file(data.files.front()));
   const auto lines = SLF_TRY(header.integer("lineskip", 0, kMaxSkip, 0));
-  if (lines > 0 && data.parts.size() > 1)
+  if (lines > 0 && data.files.size() > 1)
     return unsupported(header.path, "'line skip' in several data files, expected 'byte skip'");
-  data.offset =
-      SLF_TRY(offset_after_lines(data.path, data.offset, static_cast<std::uint64_t>(lines)));
+  data.offset = SLF_TRY(
+      offset_after_lines(data.files.front(), data.offset, static_cast<std::uint64_t>(lines)));
   const auto skip = SLF_TRY(header.integer("byteskip", data.packed ? 0 : -1, kMaxSkip, 0));
   data.at_end = skip == -1;
   data.skip = data.at_end ? 0 : static_cast<std::uint64_t>(skip);

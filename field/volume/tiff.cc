@@ -267,7 +267,7 @@ Result<Volume> read_raw_stack(const TiffFile& file, const SliceKind& kind, const
                        " pictures: save it as a TIFF with a page each");
   // Pictures between two slices are taken as components of a voxel that are stored in runs.
   const std::uint64_t step = page_of(d, 1, 0, 0), pixels = std::uint64_t{kind.width} * kind.height;
-  VoxelData data{.path = file.path, .offset = offsets[0]};
+  VoxelData data{.files = {file.path}, .offset = offsets[0]};
   data.big_endian = TIFFIsBigEndian(file.tiff.get()) != 0;
   data.components = static_cast<std::uint32_t>(step);
   data.component = static_cast<std::uint32_t>(first % step);

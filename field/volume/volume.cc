@@ -209,7 +209,7 @@ Result<Volume> read_raw(const std::string& path, const RawLayout& layout,
                         " of type ", name(layout.type), " at offset ", layout.offset, " need ",
                         needed, " bytes after the offset, but the file has ", size,
                         " bytes in all: choose another layout");
-  VoxelData data{.path = path, .offset = layout.offset, .big_endian = layout.big_endian};
+  VoxelData data{.files = {path}, .offset = layout.offset, .big_endian = layout.big_endian};
   // The layout does not state the number of time points: the length of the file is the limit. If
   // one is chosen, whole volumes after it are no sign of a wrong layout.
   data.index = options.time.value_or(0);

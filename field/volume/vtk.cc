@@ -330,7 +330,7 @@ Result<Volume> read_vtk(const std::string& path, std::string_view, const VolumeO
                     " tuples, but the dimensions are ", joined(volume.dims, "x"));
   SLF_TRY(choose(path, options.time, 1, "time point"));
   const auto component = SLF_TRY(choose(path, options.component, array.components, "component"));
-  const VoxelData data{.path = path,
+  const VoxelData data{.files = {path},
                        .offset = array.offset,
                        .big_endian = true,
                        .components = static_cast<std::uint32_t>(array.components),
