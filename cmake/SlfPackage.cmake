@@ -42,7 +42,7 @@ set(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_DEPENDS
   "libexpected-dev, libglm-dev, nlohmann-json3-dev, libhwy-dev, libjpeg62-turbo-dev, \
 libopenexr-dev, libpng-dev, libwebp-dev, liblmdb-dev, libxxhash-dev, libzstd-dev, \
 libembree-dev, libpugixml-dev, libsimdjson-dev, liblz4-dev, liblzma-dev, libtiff-dev, zlib1g-dev, \
-libbz2-dev, pkg-config, slf" ${loaded})
+libbz2-dev, libminizip-dev, pkg-config, slf" ${loaded})
 list(JOIN CPACK_DEBIAN_DEVELOPMENT_PACKAGE_DEPENDS ", " CPACK_DEBIAN_DEVELOPMENT_PACKAGE_DEPENDS)
 set(CPACK_COMPONENT_DEVELOPMENT_DESCRIPTION
   "Sphere light fields: static libraries and headers

@@ -4,7 +4,8 @@ set(slf_pc_requires
   PkgConfig::LMDB=lmdb PkgConfig::XXHASH=libxxhash PkgConfig::ZSTD=libzstd PkgConfig::JPEG=libjpeg
   PkgConfig::HWY=libhwy PkgConfig::WEBP=libwebpmux PNG::PNG=libpng ZLIB::ZLIB=zlib
   PkgConfig::LZ4=liblz4 PkgConfig::LZMA=liblzma OpenEXR::OpenEXR=OpenEXR
-  TIFF::TIFF=libtiff-4 PkgConfig::SIMDJSON=simdjson PkgConfig::PUGIXML=pugixml)
+  TIFF::TIFF=libtiff-4 PkgConfig::SIMDJSON=simdjson PkgConfig::PUGIXML=pugixml
+  PkgConfig::MINIZIP=minizip)
 set(slf_pc_libs
   Threads::Threads=-pthread BZip2::BZip2=-lbz2 embree=-lembree3)
 set(slf_pc_headers tl::expected glm::glm nlohmann_json::nlohmann_json slf_options)

@@ -5,19 +5,18 @@
 #include <ImfChannelList.h>
 #include <ImfFrameBuffer.h>
 #include <ImfHeader.h>
-#include <ImfIO.h>
 #include <ImfInputFile.h>
 #include <ImfOutputFile.h>
+#include <ImfStdIO.h>
 #include <ImfTileDescription.h>
 #include <ImfTileDescriptionAttribute.h>
 #include <ImfVersion.h>
 
 #include <algorithm>
-#include <cstring>
 #include <exception>
 #include <limits>
 #include <optional>
-#include <stdexcept>
+#include <string>
 
 #include "base/try.h"
 #include "field/image/formats.h"
@@ -26,41 +25,6 @@ namespace slf::image_formats {
 namespace {
 
 using Imath::Box2i;
-
-class MemoryOutput : public Imf::OStream {
- public:
-  explicit MemoryOutput(Bytes& bytes) : Imf::OStream("memory"), bytes_(bytes) {}
-  void write(const char from[], int n) override {
-    const std::size_t end = at_ + static_cast<std::size_t>(n);
-    if (end > bytes_.size()) bytes_.resize(end);
-    std::memcpy(bytes_.data() + at_, from, static_cast<std::size_t>(n));
-    at_ = end;
-  }
-  std::uint64_t tellp() override { return at_; }
-  void seekp(std::uint64_t position) override { at_ = position; }
-
- private:
-  Bytes& bytes_;
-  std::size_t at_ = 0;
-};
-
-class MemoryInput : public Imf::IStream {
- public:
-  explicit MemoryInput(ByteSpan bytes) : Imf::IStream("memory"), bytes_(bytes) {}
-  bool read(char to[], int n) override {
-    if (n < 0 || at_ > bytes_.size() || static_cast<std::size_t>(n) > bytes_.size() - at_)
-      throw std::runtime_error("the file ends early");
-    std::memcpy(to, bytes_.data() + at_, static_cast<std::size_t>(n));
-    at_ += static_cast<std::size_t>(n);
-    return at_ < bytes_.size();
-  }
-  std::uint64_t tellg() override { return at_; }
-  void seekg(std::uint64_t position) override { at_ = position; }
-
- private:
-  ByteSpan bytes_;
-  std::uint64_t at_ = 0;
-};
 
 constexpr std::size_t kMagicAndVersion = 8;
 
@@ -114,7 +78,6 @@ Result<void> check_blocks(const std::string& name, const Imf::Header& header,
   }
   std::uint64_t channels = 0;
   for (auto c = header.channels().begin(); c != header.channels().end(); ++c) ++channels;
-
   if (block_pixels * std::max<std::uint64_t>(channels, 1) > kMaxBlockBytes / sizeof(float))
     return unsupported(name, "one block of its ", channels, " channels could take more than ",
                        kMaxBlockBytes, " bytes");
@@ -132,7 +95,8 @@ Result<void> check_header(const std::string& name, ByteSpan bytes) {
   if (Imf::isMultiPart(version) || Imf::isNonImage(version))
     return unsupported(name, "OpenEXR of several parts or deep pixels");
 
-  MemoryInput stream(bytes);
+  Imf::StdISStream stream;
+  stream.str(std::string(chars_of(bytes)));
   stream.seekg(kMagicAndVersion);
   Imf::Header header;
   header.readFrom(stream, version);
@@ -226,21 +190,23 @@ Result<Bytes> encode_exr(const std::string& name, const Image& image) try {
     insert(channel, &image.rgba[0].x + c, sizeof(glm::vec4));
   if (!image.depth.empty()) insert("Z", image.depth.data(), sizeof(float));
 
-  Bytes bytes;
+  Imf::StdOSStream stream;
   {
-    MemoryOutput stream(bytes);
     Imf::OutputFile file(stream, header, /*numThreads=*/0);
     file.setFrameBuffer(buffer);
     file.writePixels(static_cast<int>(image.height));
   }  // The destructor completes the table of blocks.
-  return bytes;
+  const std::string coded = stream.str();
+  const ByteSpan bytes = bytes_of(coded);
+  return Bytes(bytes.begin(), bytes.end());
 } catch (const std::exception& error) {
   return fail(ErrorCode::failed, name, ": cannot encode as OpenEXR: ", error.what());
 }
 
 Result<Image> decode_exr(const std::string& name, ByteSpan bytes) try {
   SLF_TRY(check_header(name, bytes));
-  MemoryInput stream(bytes);
+  Imf::StdISStream stream;
+  stream.str(std::string(chars_of(bytes)));
   Imf::InputFile file(stream, /*numThreads=*/0);
   return crop(read_data_window(file), file.header().dataWindow(), file.header().displayWindow());
 } catch (const std::exception& error) {

@@ -135,7 +135,7 @@ std::optional<Entry> parse_named(const Words& words) {
 enum class Origin { unknown, slicer, freesurfer, slicer_scale };
 
 Origin origin_of(std::string_view comment) {
-  const std::string text = lower_case(volume_io::trim(comment));
+  const std::string text = lower_case(trim(comment));
   if (text.starts_with("color table file")) return Origin::slicer;
   if (text.starts_with("color procedural file")) return Origin::slicer_scale;
   const bool freesurfer = text.find("label name") != std::string::npos ||
@@ -165,7 +165,7 @@ Result<LabelTable> parse_lines(std::string_view text, const std::string& source)
                       rows.empty() || snap ? "ITK-SNAP's `ID R G B A VIS MESH \"NAME\"`" : "",
                       rows.empty() ? " or " : "",
                       rows.empty() || !snap ? "3D Slicer's or FreeSurfer's `ID NAME R G B A`" : "",
-                      ", found ", in_quotes(volume_io::trim(line)));
+                      ", found ", in_quotes(trim(line)));
     rows.emplace_back(number, std::move(*entry));
   }
   if (snap) return table_of(rows, source);
@@ -187,7 +187,7 @@ std::optional<char> csv_separator(std::string_view text) {
   std::size_t at = 0;
   std::string header;
   while (header.empty() && at < text.size())
-    header = lower_case(volume_io::trim(volume_io::next_line(text, at)));
+    header = lower_case(trim(volume_io::next_line(text, at)));
   std::erase(header, '"');
   if (!header.starts_with(kIdColumn) || header.size() == kIdColumn.size()) return std::nullopt;
   const char separator = header[kIdColumn.size()];
@@ -256,8 +256,7 @@ Result<LabelTable> parse_json(std::string_view text, const std::string& source) 
     if (const auto name = label.find("name"); name != label.end() && name->is_string())
       style.name = name->get<std::string>();
     if (const auto color = label.find("color"); color != label.end()) {
-      if (!color->is_array() || color->size() != 3 || !share((*color)[0]) || !share((*color)[1]) ||
-          !share((*color)[2]))
+      if (!color->is_array() || color->size() != 3 || !std::ranges::all_of(*color, share))
         return bad(place + ".color: expected three numbers from 0 to 1");
       style.color = glm::dvec3((*color)[0].get<double>(), (*color)[1].get<double>(),
                                (*color)[2].get<double>());
@@ -277,7 +276,7 @@ Result<LabelTable> parse_json(std::string_view text, const std::string& source) 
 
 Result<LabelTable> parse_label_table(const std::string& bytes, const std::string& source) {
   const std::string_view text = without_byte_order_mark(bytes);
-  if (volume_io::trim(text).starts_with('{')) return parse_json(text, source);
+  if (trim(text).starts_with('{')) return parse_json(text, source);
   if (const auto separator = csv_separator(text)) return parse_csv(text, *separator, source);
   return parse_lines(text, source);
 }

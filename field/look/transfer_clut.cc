@@ -48,7 +48,7 @@ std::string with_point(std::string_view number) {
 bool looks_like_clut(std::string_view text) {
   // The first line that is no comment is the header of a section. (In JSON, [ precedes no name.)
   for (std::size_t at = 0; at < text.size();) {
-    const auto line = volume_io::trim(volume_io::next_line(text, at));
+    const auto line = trim(volume_io::next_line(text, at));
     if (line.empty() || line.starts_with(';') || line.starts_with('#')) continue;
     return line.size() > 2 && line.starts_with('[') && line.ends_with(']') &&
            std::isalpha(static_cast<unsigned char>(line[1])) &&
@@ -61,11 +61,10 @@ bool looks_like_clut(std::string_view text) {
 Presets parse_clut(std::string_view text, const std::string& source) {
   std::map<std::string, std::string_view> entries;
   for (std::size_t at = 0; at < text.size();) {
-    const auto line = volume_io::trim(volume_io::next_line(text, at));
+    const auto line = trim(volume_io::next_line(text, at));
     const auto equals = line.find('=');
     if (equals == std::string_view::npos || line.starts_with(';')) continue;
-    entries[lower_case(volume_io::trim(line.substr(0, equals)))] =
-        volume_io::trim(line.substr(equals + 1));
+    entries[lower_case(trim(line.substr(0, equals)))] = trim(line.substr(equals + 1));
   }
   const auto number = [&](const std::string& key, double min, double max) -> Result<double> {
     const auto found = entries.find(key);

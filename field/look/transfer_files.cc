@@ -48,10 +48,7 @@ Result<std::vector<TransferPreset>> parse_transfers(const std::string& bytes,
 }
 
 Result<std::vector<TransferPreset>> read_transfers(const std::string& path) {
-  const auto size = SLF_TRY(file_size(path));
   constexpr std::uint64_t kMaxBytes = std::uint64_t{64} << 20;
-  if (size > kMaxBytes)
-    return bad_file(path, size, " bytes, expected a transfer function of at most ", kMaxBytes);
   const auto bytes = SLF_TRY(read_file(path, kMaxBytes));
   return parse_transfers(std::string(chars_of(bytes)), path);
 }

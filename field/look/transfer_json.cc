@@ -41,9 +41,11 @@ tl::unexpected<Error> bad(const Parts&... parts) {
   return fail(ErrorCode::bad_file, parts...);
 }
 
-/// Reads an array of points of `stride` numbers each. The first numbers must ascend.
+/// Reads an array of points of `stride` numbers each, 0 to 1. If `valued`, the first number of a
+/// point is a value instead, and these must ascend.
 Result<std::vector<double>> read_points(const json& preset, const Place& place, const char* key,
-                                        std::size_t stride, const char* meaning) {
+                                        std::size_t stride, const char* meaning,
+                                        bool valued = true) {
   const auto found = preset.find(key);
   if (found == preset.end())
     return bad(place(key), " is missing, expected an array of ", meaning, " a point");
@@ -58,7 +60,7 @@ Result<std::vector<double>> read_points(const json& preset, const Place& place, 
     if (!item.is_number()) return bad(where, " is ", item.type_name(), ", expected a number");
     const double value = item.get<double>();
     if (!std::isfinite(value)) return bad(where, " is not finite");
-    if (i % stride == 0) {
+    if (valued && i % stride == 0) {
       if (i > 0 && value < numbers[i - stride])
         return bad(where, " is ", value, ", below the point before it (", numbers[i - stride],
                    "): points must ascend in value");
@@ -80,18 +82,10 @@ Result<Space> read_space(const json& preset, const Place& place) {
 
 /// Reads the colours of categories, and the annotations of their values where these are numbers.
 Result<TransferPreset> read_indexed(const json& preset, const Place& place) {
-  const auto& found = preset["IndexedColors"];
-  if (!found.is_array() || found.empty() || found.size() % 3 != 0)
-    return bad(place("IndexedColors"), " is not an array of 3 numbers a colour: red, green, blue");
-  std::vector<glm::dvec3> colors(found.size() / 3);
-  for (std::size_t i = 0; i < found.size(); ++i) {
-    const auto where = place("IndexedColors[" + std::to_string(i) + "]");
-    if (!found[i].is_number())
-      return bad(where, " is ", found[i].type_name(), ", expected a number");
-    const double channel = found[i].get<double>();
-    if (!(channel >= 0 && channel <= 1)) return bad(where, " is ", channel, ", expected 0 to 1");
-    colors[i / 3][static_cast<int>(i % 3)] = channel;
-  }
+  const auto numbers =
+      SLF_TRY(read_points(preset, place, "IndexedColors", 3, "red, green, blue", false));
+  std::vector<glm::dvec3> colors;
+  for (auto p = numbers.begin(); p != numbers.end(); p += 3) colors.emplace_back(p[0], p[1], p[2]);
   // Pairs of value and text. In some files the values are strings.
   std::vector<std::optional<double>> values;
   if (const auto pairs = preset.find("Annotations"); pairs != preset.end() && pairs->is_array())

@@ -14,7 +14,7 @@ namespace {
 std::vector<std::string_view> lines_of(std::string_view text) {
   std::vector<std::string_view> lines;
   for (std::size_t at = 0; at < text.size();) {
-    const auto line = volume_io::trim(volume_io::next_line(text, at));
+    const auto line = trim(volume_io::next_line(text, at));
     if (!line.empty()) lines.push_back(line);
   }
   return lines;

@@ -81,7 +81,7 @@ Result<TransferPreset> read_volume_property(const pugi::xml_node& property,
 
 }  // namespace
 
-bool looks_like_xml(std::string_view text) { return volume_io::trim(text).starts_with('<'); }
+bool looks_like_xml(std::string_view text) { return trim(text).starts_with('<'); }
 
 Presets parse_xml(std::string_view text, const std::string& source) {
   const auto xml = SLF_TRY(volume_io::parse_xml(text, source));

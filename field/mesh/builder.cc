@@ -112,7 +112,7 @@ Result<std::size_t> MeshBuilder::texture(const std::string& reference, const std
   const std::uint64_t allowed = allowed_;
   const auto bytes = read(file);
   allowed_ = allowed;  // pictures have a limit of their own
-  if (!bytes) return error(bytes.error().code, bytes.error().message);
+  if (!bytes) return fail_in(bytes.error(), path(), ": ", part_);
   const std::size_t index = SLF_TRY(texture(file, ByteSpan(*bytes)));
   mesh_.textures[index].name = reference;
   return index;
@@ -126,7 +126,7 @@ Result<std::size_t> MeshBuilder::texture(const std::string& name, ByteSpan bytes
   if (!image && is_other_picture(name, bytes))
     return error(ErrorCode::unsupported, "its texture ", name,
                  " is of a kind that is not read; convert it to PNG or JPEG");
-  if (!image) return error(image.error().code, image.error().message);
+  if (!image) return fail_in(image.error(), path(), ": ", part_);
   texels_ += image->pixels();
   if (texels_ > kMaxTexels)
     return error(ErrorCode::unsupported, "its textures have more than ", kMaxTexels,
@@ -280,19 +280,6 @@ std::string_view next_word(std::string_view& text) {
   const auto* end = std::find_if(begin, text.end(), is_space);
   text.remove_prefix(static_cast<std::size_t>(end - text.begin()));
   return {begin, static_cast<std::size_t>(end - begin)};
-}
-
-std::optional<double> number_of(std::string_view word) {
-  if (word.starts_with('+')) word.remove_prefix(1);
-  double value = 0;
-  const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), value);
-  if (end != word.data() + word.size() || word.empty()) return {};
-  // Beyond the range of double: zero, or infinity.
-  if (error == std::errc::result_out_of_range)
-    return word.find("e-") != word.npos || word.find("E-") != word.npos
-               ? 0
-               : std::numeric_limits<double>::infinity();
-  return error == std::errc() ? std::optional(value) : std::nullopt;
 }
 
 std::string_view next_line(std::string_view& text) {

@@ -105,8 +105,6 @@ inline constexpr float kPlainColor = 0.6f;
 
 /// The next word of `text`, which is removed from it; empty at its end.
 [[nodiscard]] std::string_view next_word(std::string_view& text);
-/// The whole word as a number; a number may begin with a plus sign or a point.
-[[nodiscard]] std::optional<double> number_of(std::string_view word);
 /// The next line, without its end (LF, CR LF or CR), which is removed from `text`.
 [[nodiscard]] std::string_view next_line(std::string_view& text);
 

@@ -1,6 +1,9 @@
 // glTF 2, text and binary.
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <glm/gtc/quaternion.hpp>
+#include <glm/gtc/type_ptr.hpp>
 #include <map>
 
 #include "base/base64.h"
@@ -37,16 +40,25 @@ bool is_unsigned(std::uint64_t component) {
   return component == 5121 || component == 5123 || component == 5125;
 }
 
+/// So many numbers.
+template <std::size_t N>
+std::optional<std::array<double, N>> numbers_of(const JsonValue& value) {
+  const auto items = value.items();
+  std::array<double, N> numbers{};
+  if (items.size() != N) return {};
+  for (std::size_t k = 0; k < N; ++k) {
+    const auto number = items[k].number();
+    if (!number) return {};
+    numbers[k] = *number;
+  }
+  return numbers;
+}
 template <int N>
 std::optional<glm::vec<N, double>> vector_of(const JsonValue& value) {
-  const auto items = value.items();
-  glm::vec<N, double> vector(0);
-  if (items.size() != N) return {};
-  for (int k = 0; k < N; ++k) {
-    const auto number = items[static_cast<std::size_t>(k)].number();
-    if (!number) return {};
-    vector[k] = *number;
-  }
+  const auto numbers = numbers_of<N>(value);
+  if (!numbers) return {};
+  glm::vec<N, double> vector;
+  std::ranges::copy(*numbers, &vector[0]);
   return vector;
 }
 
@@ -117,6 +129,17 @@ class GltfReader {
                      ", which is not read; export it without");
   }
 
+  /// The index of one of `count` items; `what` is wrong if it is none.
+  template <class... Parts>
+  Result<std::size_t> index_in(std::size_t count, const JsonValue& value,
+                               const Parts&... what) const {
+    const auto index = value.index();
+    if (index && *index < count) return *index;
+    return wrong(what...);
+  }
+
+  // The document, and the bytes that it names.
+
   Result<void> open() {
     ByteSpan json = bytes_;
     if (chars_of(bytes_).starts_with("glTF")) {
@@ -154,21 +177,17 @@ class GltfReader {
 
   /// The bytes of a URI: data, or a file.
   Result<Bytes> fetch(std::string_view uri, const std::string& what) {
-    if (uri.starts_with("data:")) {
-      const std::size_t comma = uri.find(',');
-      const std::string_view data = uri.substr(std::min(comma, uri.size() - 1) + 1);
-      if (!uri.substr(0, comma).ends_with(";base64")) {
-        const std::string plain = decode_percent(data);
-        const auto* begin = reinterpret_cast<const std::byte*>(plain.data());
-        return Bytes(begin, begin + plain.size());
-      }
-      const std::string text = decode_percent(data);
-      std::string_view rest = text;
-      auto bytes = decode_base64(rest, false);
-      if (!rest.empty()) return wrong(what, ": its base64 is damaged");
-      return bytes;
+    if (!uri.starts_with("data:")) return to_.read(what, std::string(uri));
+    const std::size_t comma = std::min(uri.find(','), uri.size() - 1);
+    const std::string text = decode_percent(uri.substr(comma + 1));
+    if (!uri.substr(0, comma).ends_with(";base64")) {
+      const ByteSpan plain = bytes_of(text);
+      return Bytes(plain.begin(), plain.end());
     }
-    return to_.read(what, std::string(uri));
+    std::string_view rest = text;
+    auto bytes = decode_base64(rest, false);
+    if (!rest.empty()) return wrong(what, ": its base64 is damaged");
+    return bytes;
   }
 
   Result<ByteSpan> buffer(std::size_t k) {
@@ -189,8 +208,7 @@ class GltfReader {
   }
 
   Result<ByteSpan> view(const JsonValue& index) {
-    const std::uint64_t k = index.index().value_or(views_.size());
-    if (k >= views_.size()) return wrong("there is no such bufferView");
+    const auto k = SLF_TRY(index_in(views_.size(), index, "there is no such bufferView"));
     const auto from = views_[k]["buffer"].index(), size = views_[k]["byteLength"].index();
     const JsonValue start = views_[k]["byteOffset"];
     const auto offset = start ? start.index() : 0;
@@ -201,6 +219,8 @@ class GltfReader {
       return wrong("bufferView ", k, " extends beyond its buffer");
     return whole.subspan(*offset, *size);
   }
+
+  // Numbers: accessors of these bytes.
 
   /// Copies numbers, `width` for each of `count` elements, out of a buffer view.
   template <class T>
@@ -239,8 +259,7 @@ class GltfReader {
 
   template <class T>
   Result<Elements<T>> elements(const JsonValue& index) {
-    const std::uint64_t k = index.index().value_or(accessors_.size());
-    if (k >= accessors_.size()) return wrong("there is no such accessor");
+    const auto k = SLF_TRY(index_in(accessors_.size(), index, "there is no such accessor"));
     const JsonValue& accessor = accessors_[k];
     const auto count = accessor["count"].index(), type = accessor["componentType"].index();
     Elements<T> out;
@@ -278,6 +297,8 @@ class GltfReader {
     }
     return out;
   }
+
+  // Materials, and their textures.
 
   Result<void> read_materials() {
     for (const JsonValue& from : materials_) {
@@ -355,14 +376,16 @@ class GltfReader {
     return {};
   }
 
+  // Nodes, and the joints of skins.
+
   /// Computes where nodes are, and which of them the scene shows.
   Result<void> place_nodes() {
     std::vector<std::size_t> parents(nodes_.size(), nodes_.size());
     std::vector<std::vector<std::size_t>> children(nodes_.size());
     for (std::size_t k = 0; k < nodes_.size(); ++k)
       for (const JsonValue& child : nodes_[k]["children"].items()) {
-        const std::uint64_t c = child.index().value_or(nodes_.size());
-        if (c >= nodes_.size()) return wrong("node ", k, " has a child that is no node");
+        const auto c =
+            SLF_TRY(index_in(nodes_.size(), child, "node ", k, " has a child that is no node"));
         if (parents[c] != nodes_.size())
           return wrong("node ", c, " has two parents, ", parents[c], " and ", k);
         parents[c] = k;
@@ -404,15 +427,9 @@ class GltfReader {
   Result<glm::dmat4> transform_of(std::size_t k) const {
     const JsonValue& node = nodes_[k];
     if (const JsonValue given = node["matrix"]) {
-      const auto numbers = given.items();
-      glm::dmat4 matrix(1);
-      for (int i = 0; i < 16; ++i) {
-        const auto number =
-            numbers.size() == 16 ? numbers[static_cast<std::size_t>(i)].number() : std::nullopt;
-        if (!number) return wrong("node ", k, ": its matrix is malformed");
-        matrix[i / 4][i % 4] = *number;
-      }
-      return matrix;
+      const auto numbers = numbers_of<16>(given);
+      if (!numbers) return wrong("node ", k, ": its matrix is malformed");
+      return glm::make_mat4(numbers->data());
     }
     glm::dmat4 matrix(1);
     if (const auto q = vector_of<4>(node["rotation"]); q && glm::length(*q) > 0) {
@@ -429,16 +446,15 @@ class GltfReader {
   Result<const std::vector<glm::dmat4>*> joints_of(const JsonValue& index) {
     static const std::vector<glm::dmat4> kNone;
     if (!index) return &kNone;
-    const std::uint64_t k = index.index().value_or(skins_.size());
-    if (k >= skins_.size()) return wrong("there is no such skin");
+    const auto k = SLF_TRY(index_in(skins_.size(), index, "there is no such skin"));
     if (const auto known = joints_.find(k); known != joints_.end()) return &known->second;
     std::vector<glm::dmat4>& joints = joints_[k];
     const auto nodes = skins_[k]["joints"].items();
     to_.use(nodes.size() * sizeof(glm::dmat4));
     if (to_.full()) return &kNone;
     for (const JsonValue& joint : nodes) {
-      const std::uint64_t node = joint.index().value_or(nodes_.size());
-      if (node >= nodes_.size()) return wrong("skin ", k, " has a joint that is no node");
+      const auto node =
+          SLF_TRY(index_in(nodes_.size(), joint, "skin ", k, " has a joint that is no node"));
       joints.push_back(world_[node]);
     }
     if (const JsonValue inverse = skins_[k]["inverseBindMatrices"]) {
@@ -446,19 +462,18 @@ class GltfReader {
       if (matrices.width != 16 || matrices.count() < joints.size())
         return wrong("skin ", k, " has ", joints.size(), " joints and ", matrices.count(),
                      " matrices");
-      for (std::size_t j = 0; j < joints.size(); ++j) {
-        glm::dmat4 matrix(1);
-        for (int i = 0; i < 16; ++i) matrix[i / 4][i % 4] = matrices.at(j)[i];
-        joints[j] = joints[j] * matrix;
-      }
+      for (std::size_t j = 0; j < joints.size(); ++j)
+        joints[j] = joints[j] * glm::dmat4(glm::make_mat4(matrices.at(j)));
     }
     return &joints;
   }
 
+  // Meshes.
+
   Result<void> add_node(std::size_t k) {
     if (!nodes_[k]["mesh"]) return {};
-    const std::uint64_t m = nodes_[k]["mesh"].index().value_or(meshes_.size());
-    if (m >= meshes_.size()) return wrong("node ", k, " has a mesh that is none");
+    const auto m = SLF_TRY(
+        index_in(meshes_.size(), nodes_[k]["mesh"], "node ", k, " has a mesh that is none"));
     const auto* joints = SLF_TRY(joints_of(nodes_[k]["skin"]));
     const JsonValue own = nodes_[k]["weights"];
     std::vector<double> weights;
@@ -601,8 +616,7 @@ class GltfReader {
 
   Result<Paint> paint_of(const JsonValue& material) {
     if (material) {
-      const std::uint64_t k = material.index().value_or(paints_.size());
-      if (k >= paints_.size()) return wrong("there is no such material");
+      const auto k = SLF_TRY(index_in(paints_.size(), material, "there is no such material"));
       return paints_[k];
     }
     if (!plain_) {

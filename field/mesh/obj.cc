@@ -15,6 +15,8 @@
 namespace slf {
 namespace {
 
+using volume_io::parse_number;
+
 namespace fs = std::filesystem;
 
 /// Vertices at one position that are compared with a new one.
@@ -40,7 +42,7 @@ class Lines {
       joined_ += line_;
       line_ = joined_;
     }
-    line_ = volume_io::trim(line_);
+    line_ = trim(line_);
     return true;
   }
   [[nodiscard]] std::string_view line() const { return line_; }
@@ -78,9 +80,8 @@ Map map_of(std::string_view text) {
     }
     while (known != kNumbers.end() && std::ssize(numbers) < known->second) {
       std::string_view after = rest;
-      const auto number = number_of(next_word(after));
-      if (!number || volume_io::trim(after).empty())
-        break;  // a file may have a number for its name
+      const auto number = parse_number(next_word(after));
+      if (!number || trim(after).empty()) break;  // a file may have a number for its name
       numbers.push_back(*number);
       rest = after;
     }
@@ -89,7 +90,7 @@ Map map_of(std::string_view text) {
       if (option == "-s") map.scale[axis] = static_cast<float>(numbers[k]);
       if (option == "-o") map.offset[axis] = static_cast<float>(numbers[k]);
     }
-    text = volume_io::trim(rest);
+    text = trim(rest);
   }
   if (text.size() > 1 && text.starts_with('"') && text.ends_with('"'))
     text = text.substr(1, text.size() - 2);
@@ -145,12 +146,12 @@ class ObjReader {
       std::string_view rest = lines.line();
       const std::string_view word = next_word(rest);
       if (word == "mtllib") {
-        SLF_TRY(read_library(std::string(volume_io::trim(rest))));
+        SLF_TRY(read_library(std::string(trim(rest))));
       } else if (word == "v" || word == "vt" || word == "vn") {
         std::array<double, 7> numbers{};
         std::size_t count = 0;
         for (rest = without_comment(rest); count < numbers.size(); ++count) {
-          const auto number = number_of(next_word(rest));
+          const auto number = parse_number(next_word(rest));
           if (!number) break;
           numbers[count] = *number;
         }
@@ -199,7 +200,7 @@ class ObjReader {
       const std::string word = lower_case(next_word(rest));
       if (word == "newmtl") {
         const auto [entry, added] = names_.try_emplace(
-            std::string(volume_io::trim(rest)), static_cast<std::uint32_t>(materials_.size()));
+            std::string(trim(rest)), static_cast<std::uint32_t>(materials_.size()));
         if (added) materials_.emplace_back();
         if (materials_.size() > kMaxMaterials)
           return to_.error(ErrorCode::unsupported, "has more than ", kMaxMaterials, " materials");
@@ -211,14 +212,14 @@ class ObjReader {
         std::string_view words = without_comment(rest);
         std::string_view first = next_word(words);
         if (first == "-halo") first = next_word(words);
-        const auto value = number_of(first);
+        const auto value = parse_number(first);
         return value ? std::optional(static_cast<float>(*value)) : std::nullopt;
       };
       if (word == "kd") {
         std::string_view words = without_comment(rest);
         glm::vec3 color(0);
         for (int c = 0; c < 3; ++c) {
-          const auto value = number_of(next_word(words));
+          const auto value = parse_number(next_word(words));
           color[c] = value ? static_cast<float>(*value) : c > 0 ? color[c - 1] : 1.f;
         }
         to->color = color;
@@ -227,9 +228,9 @@ class ObjReader {
       } else if (word == "tr") {
         to->transparency = number();
       } else if (word == "map_kd") {
-        to->color_map = map_of(volume_io::trim(rest));
+        to->color_map = map_of(trim(rest));
       } else if (word == "map_d") {
-        to->opacity_map = map_of(volume_io::trim(rest));
+        to->opacity_map = map_of(trim(rest));
       }
     }
     return {};
@@ -292,7 +293,7 @@ class ObjReader {
       } else if (word == "vn") {
         ++before[2];
       } else if (word == "usemtl") {
-        const auto known = names_.find(std::string(volume_io::trim(rest)));
+        const auto known = names_.find(std::string(trim(rest)));
         material = known == names_.end() ? none : known->second;
       } else if (word == "l" || word == "p") {
         to_.leave_out();
@@ -321,7 +322,7 @@ class ObjReader {
     for (std::size_t k = 0; k < 3 && !rest.empty(); ++k) {
       const std::string_view part = rest.substr(0, rest.find('/'));
       rest.remove_prefix(std::min(part.size() + 1, rest.size()));
-      const auto number = number_of(part);
+      const auto number = parse_number(part);
       if (!number && k > 0) continue;
       const double index = number.value_or(0) < 0 ? static_cast<double>(before[k]) + *number
                                                   : number.value_or(0) - 1;

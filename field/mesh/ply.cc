@@ -11,6 +11,8 @@
 namespace slf {
 namespace {
 
+using volume_io::parse_number;
+
 struct Property {
   std::string name;
   ScalarType type = ScalarType::f32;
@@ -86,7 +88,7 @@ class PlyReader {
       // In a binary file the first byte of data may be a line feed.
       const std::size_t end = rest_.find(only_cr ? '\r' : '\n');
       if (end == rest_.npos) break;
-      std::string_view words = volume_io::trim(rest_.substr(0, end));
+      std::string_view words = trim(rest_.substr(0, end));
       rest_.remove_prefix(end + 1);
       const std::string line(words);
       const std::string word(next_word(words));
@@ -98,11 +100,10 @@ class PlyReader {
         big_endian_ = name == "binary_big_endian";
         if (!ascii_ && !big_endian_ && name != "binary_little_endian") return malformed();
       } else if (word == "comment") {
-        if (lower_case(next_word(words)) == "texturefile")
-          textures_.emplace_back(volume_io::trim(words));
+        if (lower_case(next_word(words)) == "texturefile") textures_.emplace_back(trim(words));
       } else if (word == "element") {
         const std::string_view name = next_word(words);
-        const auto count = number_of(next_word(words));
+        const auto count = parse_number(next_word(words));
         if (!count || !(*count >= 0 && *count < 1e15)) return malformed();
         elements_.push_back({std::string(name), static_cast<std::uint64_t>(*count)});
       } else if (word == "property") {
@@ -151,7 +152,7 @@ class PlyReader {
   /// One number of the data. False: there is none.
   bool take(ScalarType type, double& value) {
     if (ascii_) {
-      const auto number = number_of(next_word(rest_));
+      const auto number = parse_number(next_word(rest_));
       value = number.value_or(0);
       return number.has_value();
     }

@@ -42,7 +42,7 @@ Result<Mesh> read_mesh(const std::string& path, UpAxis up) {
   };
   Result<Mesh> made;
   const auto done = guarded([&] { made = read(); });
-  if (!done) return fail(done.error().code, path, ": ", done.error().message);
+  if (!done) return fail_in(done.error(), path, ": ");
   return made;
 }
 

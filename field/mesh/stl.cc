@@ -9,11 +9,13 @@
 namespace slf {
 namespace {
 
+using volume_io::parse_number;
+
 constexpr std::size_t kHeader = 84, kFacet = 50;
 
 /// Many programs begin binary files with "solid", too. Text has no zeros.
 bool is_text(std::string_view bytes) {
-  const std::string_view start = volume_io::trim(bytes.substr(0, 4096));
+  const std::string_view start = trim(bytes.substr(0, 4096));
   return lower_case(start.substr(0, 5)) == "solid" && start.find('\0') == start.npos;
 }
 
@@ -28,7 +30,7 @@ Result<void> read_text(std::string_view text, MeshBuilder& to) {
     } else if (word == "vertex") {
       glm::dvec3 p(0);
       for (int axis = 0; axis < 3; ++axis) {
-        const auto number = number_of(next_word(text));
+        const auto number = parse_number(next_word(text));
         if (!number)
           return to.wrong("STL: triangle ", to.mesh().triangles.size(),
                           text.empty() ? ": truncated" : ": a vertex needs three numbers");

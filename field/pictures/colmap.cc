@@ -4,6 +4,7 @@
 #include <bit>
 #include <cmath>
 #include <filesystem>
+#include <glm/gtc/quaternion.hpp>
 #include <map>
 #include <utility>
 
@@ -95,7 +96,7 @@ class Records {
     return false;
   }
   std::string_view word() {
-    line_ = volume_io::trim(line_);
+    line_ = trim(line_);
     const std::string_view word = line_.substr(0, line_.find_first_of(" \t"));
     line_.remove_prefix(word.size());
     return word;
@@ -121,7 +122,7 @@ class Records {
   }
   /// Text up to a zero, or the end of the line.
   std::string name() {
-    if (as_text_) return std::string(volume_io::trim(std::exchange(line_, {})));
+    if (as_text_) return std::string(trim(std::exchange(line_, {})));
     const std::string_view text = take(rest_.find('\0'));
     take(1);
     return std::string(text);
@@ -205,12 +206,9 @@ bool set_place(const std::array<double, 7>& place, Picture& picture) {
   const auto [qw, qx, qy, qz, tx, ty, tz] = place;
   const double length = std::sqrt(qw * qw + qx * qx + qy * qy + qz * qz);
   if (!(length > 1e-6)) return false;
-  const double w = qw / length, x = qx / length, y = qy / length, z = qz / length;
   // Rows of the rotation are the camera's axes in the world.
-  picture.axes =
-      glm::dmat3(glm::dvec3(1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
-                 glm::dvec3(2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
-                 glm::dvec3(2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)));
+  picture.axes = glm::transpose(
+      glm::mat3_cast(glm::dquat(qw / length, qx / length, qy / length, qz / length)));
   picture.eye = -(picture.axes * glm::dvec3(tx, ty, tz));
   return true;
 }

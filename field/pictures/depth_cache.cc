@@ -4,130 +4,102 @@
 #include <zstd.h>
 
 #include <array>
-#include <cstring>
-#include <memory>
-#include <string_view>
+#include <bit>
 
 #include "base/file.h"
-#include "base/parallel.h"
 #include "base/try.h"
+#include "field/volume/content_hash.h"
 
 namespace slf {
 namespace {
 
 constexpr std::uint64_t kMaxFileBytes = std::uint64_t{1} << 36;
-constexpr std::uint64_t kAlgorithm = 2;  // of estimate_depth(); another one finds other depths
-constexpr std::size_t kPixelBytes = 5;   // a float, and a count
+/// Of estimate_depth(), which finds other depths, and of the file: another one has other keys.
+constexpr std::uint64_t kVersion = 3;
+constexpr std::size_t kPixelBytes = 5;  // a float, and a count
+constexpr int kZstdLevel = 3;
 
-/// The bytes of floats sorted by significance, which packs better, then the counts.
-Bytes planes_of(const SmallView& view) {
-  const std::size_t pixels = view.depth.size();
+std::size_t pixels_of(const std::vector<SmallView>& views) {
+  std::size_t pixels = 0;
+  for (const SmallView& view : views) pixels += view.rgba.size();
+  return pixels;
+}
+
+/// The bytes of all floats sorted by significance, which packs better, then the counts.
+Bytes planes_of(const std::vector<SmallView>& views) {
+  const std::size_t pixels = pixels_of(views);
   Bytes planes(kPixelBytes * pixels);
-  for (std::size_t p = 0; p < pixels; ++p) {
-    std::array<std::byte, 4> bytes{};
-    std::memcpy(bytes.data(), &view.depth[p], 4);
-    for (std::size_t b = 0; b < 4; ++b) planes[b * pixels + p] = bytes[b];
-    planes[4 * pixels + p] = static_cast<std::byte>(view.confirmed[p]);
-  }
+  std::size_t at = 0;
+  for (const SmallView& view : views)
+    for (std::size_t p = 0; p < view.depth.size(); ++p, ++at) {
+      const auto bytes = std::bit_cast<std::array<std::byte, 4>>(view.depth[p]);
+      for (std::size_t b = 0; b < 4; ++b) planes[b * pixels + at] = bytes[b];
+      planes[4 * pixels + at] = static_cast<std::byte>(view.confirmed[p]);
+    }
   return planes;
 }
 
-void set_planes(const Bytes& planes, SmallView& view) {
-  const std::size_t pixels = planes.size() / kPixelBytes;
-  view.depth.resize(pixels);
-  view.confirmed.resize(pixels);
-  for (std::size_t p = 0; p < pixels; ++p) {
-    std::array<std::byte, 4> bytes{};
-    for (std::size_t b = 0; b < 4; ++b) bytes[b] = planes[b * pixels + p];
-    std::memcpy(&view.depth[p], bytes.data(), 4);
-    view.confirmed[p] = std::to_integer<std::uint8_t>(planes[4 * pixels + p]);
+void set_planes(const Bytes& planes, std::vector<SmallView>& views) {
+  const std::size_t pixels = pixels_of(views);
+  std::size_t at = 0;
+  for (SmallView& view : views) {
+    view.depth.resize(view.rgba.size());
+    view.confirmed.resize(view.rgba.size());
+    for (std::size_t p = 0; p < view.depth.size(); ++p, ++at) {
+      std::array<std::byte, 4> bytes{};
+      for (std::size_t b = 0; b < 4; ++b) bytes[b] = planes[b * pixels + at];
+      view.depth[p] = std::bit_cast<float>(bytes);
+      view.confirmed[p] = std::to_integer<std::uint8_t>(planes[4 * pixels + at]);
+    }
   }
 }
 
 }  // namespace
 
-std::uint64_t depth_key(const std::vector<SmallView>& views, const Sphere& sphere,
-                        std::uint32_t hull_voxels) {
-  const std::unique_ptr<XXH3_state_t, XXH_errorcode (*)(XXH3_state_t*)> state(XXH3_createState(),
-                                                                              XXH3_freeState);
-  XXH3_64bits_reset(state.get());
-  const auto add = [&](const void* from, std::size_t bytes) {
-    XXH3_64bits_update(state.get(), from, bytes);
-  };
-  const std::array<std::uint64_t, 3> counts{kAlgorithm, hull_voxels, views.size()};
-  add(counts.data(), sizeof counts);
-  const std::array<double, 4> ball{sphere.center.x, sphere.center.y, sphere.center.z,
-                                   sphere.radius};
-  add(ball.data(), sizeof ball);
+std::string depth_key(const std::vector<SmallView>& views, const Sphere& sphere,
+                      std::uint32_t hull_voxels) {
+  ContentHash hash;
+  const auto add = [&](const auto& values) { hash.add(std::as_bytes(std::span(values))); };
+  add(std::array<std::uint64_t, 3>{kVersion, hull_voxels, views.size()});
+  add(std::array{sphere.center.x, sphere.center.y, sphere.center.z, sphere.radius});
   for (const SmallView& view : views) {
-    const std::array<std::uint32_t, 2> size{view.width, view.height};
-    add(size.data(), sizeof size);
-    const std::array<double, 4> lens{view.fx, view.fy, view.cx, view.cy};
-    add(lens.data(), sizeof lens);
-    add(&view.axes, sizeof view.axes);
-    add(&view.eye, sizeof view.eye);
-    add(view.rgba.data(), view.rgba.size() * sizeof view.rgba[0]);
+    add(std::array{view.width, view.height});
+    add(std::array{view.fx, view.fy, view.cx, view.cy});
+    add(std::array{view.axes[0], view.axes[1], view.axes[2], view.eye});
+    add(view.rgba);
   }
-  return XXH3_64bits_digest(state.get());
+  return hash.text();
 }
 
-bool read_depth_cache(const std::string& path, std::uint64_t key, unsigned threads,
+bool read_depth_cache(const std::string& path, const std::string& key,
                       std::vector<SmallView>& views) {
-  const std::string_view magic = kDepthCacheMagic;
+  const std::string head = kDepthCacheMagic + key;
   const auto is_ours = [&](ByteSpan start) -> Result<void> {
-    if (start.size() >= magic.size() + 16 &&
-        std::memcmp(start.data(), magic.data(), magic.size()) == 0 &&
-        load_le<std::uint64_t>(&start[magic.size()]) == key &&
-        load_le<std::uint64_t>(&start[magic.size() + 8]) == views.size())
-      return {};
+    if (chars_of(start).starts_with(head)) return {};
     return bad_file(path, "of other depths");
   };
   const auto file = read_file(path, kMaxFileBytes, is_ours);
-  if (!file || file->size() < magic.size() + 24) return false;
+  if (!file || file->size() < head.size() + 8) return false;
   const std::size_t end = file->size() - 8;
   if (XXH3_64bits(file->data(), end) != load_le<std::uint64_t>(&(*file)[end])) return false;
-
-  std::vector<ByteSpan> frames;
-  for (std::size_t at = magic.size() + 16; frames.size() < views.size();) {
-    if (end - at < 8) return false;
-    const auto length = load_le<std::uint64_t>(&(*file)[at]);
-    if (length > end - at - 8) return false;
-    frames.emplace_back(file->data() + at + 8, length);
-    at += 8 + length;
-  }
-  std::vector<Bytes> planes(views.size());
-  const auto done = parallel_for(views.size(), threads, [&](std::uint64_t k) {
-    // The size of the view, not what the frame claims.
-    Bytes plain(kPixelBytes * views[k].rgba.size());
-    const std::size_t got =
-        ZSTD_decompress(plain.data(), plain.size(), frames[k].data(), frames[k].size());
-    if (got == plain.size()) planes[k] = std::move(plain);
-  });
-  if (!done) return false;
-  for (std::size_t k = 0; k < views.size(); ++k)
-    if (planes[k].size() != kPixelBytes * views[k].rgba.size()) return false;
-  for (std::size_t k = 0; k < views.size(); ++k) set_planes(planes[k], views[k]);
+  // The size of the views, not what the frame claims.
+  Bytes planes(kPixelBytes * pixels_of(views));
+  const std::size_t got =
+      ZSTD_decompress(planes.data(), planes.size(), file->data() + head.size(), end - head.size());
+  if (got != planes.size()) return false;
+  set_planes(planes, views);
   return true;
 }
 
-Result<void> write_depth_cache(const std::string& path, std::uint64_t key, unsigned threads,
+Result<void> write_depth_cache(const std::string& path, const std::string& key,
                                const std::vector<SmallView>& views) {
   SLF_TRY(check_own_file(path, kDepthCacheMagic, "a cache of depths"));
-  std::vector<Bytes> frames(views.size());
-  SLF_TRY(parallel_for(views.size(), threads, [&](std::uint64_t k) {
-    const Bytes planes = planes_of(views[k]);
-    frames[k].resize(ZSTD_compressBound(planes.size()));
-    frames[k].resize(ZSTD_compress(frames[k].data(), frames[k].size(), planes.data(), planes.size(),
-                                   /*level=*/3));
-  }));
-  Bytes file;
-  for (const char c : std::string_view(kDepthCacheMagic)) file.push_back(static_cast<std::byte>(c));
-  append_le<std::uint64_t>(file, key);
-  append_le<std::uint64_t>(file, views.size());
-  for (const Bytes& frame : frames) {
-    append_le<std::uint64_t>(file, frame.size());
-    file.insert(file.end(), frame.begin(), frame.end());
-  }
+  const Bytes planes = planes_of(views);
+  const std::string head = kDepthCacheMagic + key;
+  Bytes file(head.size() + ZSTD_compressBound(planes.size()));
+  std::ranges::copy(bytes_of(head), file.begin());
+  file.resize(head.size() + ZSTD_compress(&file[head.size()], file.size() - head.size(),
+                                          planes.data(), planes.size(), kZstdLevel));
   append_le<std::uint64_t>(file, XXH3_64bits(file.data(), file.size()));
   return write_file(path, file);
 }

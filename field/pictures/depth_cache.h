@@ -1,8 +1,7 @@
 // A file that keeps estimated depths for the next run. Internal.
 //
-// It begins with kDepthCacheMagic, a key of what the depths were made from, and the number of
-// views. Each view follows: the length of a zstd frame, and the frame. It ends with an XXH3 of all
-// before.
+// It begins with kDepthCacheMagic and a key of what the depths were made from. A zstd frame of the
+// depths of all views follows, and an XXH3 of all before.
 #pragma once
 
 #include <cstdint>
@@ -14,20 +13,20 @@
 
 namespace slf {
 
-inline constexpr const char* kDepthCacheMagic = "SLF picture depths 1\n";
+inline constexpr const char* kDepthCacheMagic = "SLF picture depths ";
 
 /// Of all that decides what estimate_depth() finds. A hull follows from the views and the number of
 /// its voxels; 0: there is none.
-[[nodiscard]] std::uint64_t depth_key(const std::vector<SmallView>& views, const Sphere& sphere,
-                                      std::uint32_t hull_voxels);
+[[nodiscard]] std::string depth_key(const std::vector<SmallView>& views, const Sphere& sphere,
+                                    std::uint32_t hull_voxels);
 
 /// Fills `depth` and `confirmed` of all views; false, and nothing is changed, if there is no such
 /// file, it is damaged, or its key is another. Input is untrusted.
-[[nodiscard]] bool read_depth_cache(const std::string& path, std::uint64_t key, unsigned threads,
+[[nodiscard]] bool read_depth_cache(const std::string& path, const std::string& key,
                                     std::vector<SmallView>& views);
 
 /// usage: there is a file that slf did not write. io: cannot be written.
-[[nodiscard]] Result<void> write_depth_cache(const std::string& path, std::uint64_t key,
-                                             unsigned threads, const std::vector<SmallView>& views);
+[[nodiscard]] Result<void> write_depth_cache(const std::string& path, const std::string& key,
+                                             const std::vector<SmallView>& views);
 
 }  // namespace slf

@@ -21,24 +21,19 @@
 namespace slf {
 namespace {
 
-bool ends_with_any(const std::string& path, std::initializer_list<const char*> extensions) {
-  return std::ranges::any_of(extensions, [&](const char* e) { return path.ends_with(e); });
-}
-
 /// Depths as they are in the file of a picture of depths, before any scale.
 Result<std::vector<float>> read_depths(const std::string& path,
                                        const image_formats::ImageSize& expected) {
   std::vector<float> depths;
   image_formats::ImageSize size;
-  const bool tiff = ends_with_any(path, {".tif", ".tiff", ".TIF", ".TIFF"});
-  if (tiff || ends_with_any(path, {".png", ".PNG"})) {
+  const auto head = SLF_TRY(volume_io::read_head(path, 8));
+  const bool png = volume_io::looks_like_png(head);
+  if (png || volume_io::looks_like_tiff(head)) {
     // The samples as they are stored, and not as colours.
     std::optional<volume_io::SliceKind> kind;
     std::vector<std::byte> samples;
-    if (tiff)
-      SLF_TRY(volume_io::append_tiff(path, {}, kind, samples));
-    else
-      SLF_TRY(volume_io::append_png(path, {}, kind, samples));
+    const auto& append = png ? volume_io::append_png : volume_io::append_tiff;
+    SLF_TRY(append(path, {}, kind, samples));
     size = {kind->width, kind->height};
     if (const auto type = kind->type;
         type != ScalarType::u8 && type != ScalarType::u16 && type != ScalarType::f32)

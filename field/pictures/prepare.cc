@@ -22,10 +22,10 @@ Result<void> find_depths(const Sphere& sphere, const Surface* hull,
   if (cache.empty()) return estimate();
   // A foreign file is refused before hours of work.
   SLF_TRY(check_own_file(cache, kDepthCacheMagic, "a cache of depths"));
-  const std::uint64_t key = depth_key(views, sphere, hull ? hull->side() : 0);
-  if (read_depth_cache(cache, key, options.threads, views)) return {};
+  const std::string key = depth_key(views, sphere, hull ? hull->side() : 0);
+  if (read_depth_cache(cache, key, views)) return {};
   SLF_TRY(estimate());
-  const auto kept = write_depth_cache(cache, key, options.threads, views);
+  const auto kept = write_depth_cache(cache, key, views);
   if (!kept && options.on_note)
     options.on_note("depths are not kept for the next run: " + kept.error().message);
   return {};

@@ -48,9 +48,7 @@ class Predictor {
     const glm::ivec3 at = node_at(light_, number);
     for (int axis = 0; axis < 3; ++axis) {
       if (at[axis] == 0) continue;
-      const std::uint8_t* node =
-          light_.nodes.data() +
-          LightGrid::kNodeBytes * (number - steps_[static_cast<std::size_t>(axis)]);
+      const std::uint8_t* node = light_.node(number - steps_[static_cast<std::size_t>(axis)]);
       if (node[kChannels] == 0) continue;
       ++count;
       const int shift = std::clamp(node[kChannels] - exponent, -8, 8);
@@ -79,7 +77,7 @@ Bytes encode_light(const std::string& key, const LightGrid& light) {
   Bytes planes(kPlanes * size);
   const Predictor predictor(light);
   for (std::size_t k = 0; k < size; ++k) {
-    const std::uint8_t* node = light.nodes.data() + LightGrid::kNodeBytes * k;
+    const std::uint8_t* node = light.node(k);
     if (node[kChannels] == 0) continue;
     planes[kChannels * size + k] = static_cast<std::byte>(node[kChannels]);
     const auto predicted = predictor.predict(k, node[kChannels]);
@@ -116,7 +114,7 @@ std::optional<LightGrid> decode_light(ByteSpan coded, const std::string& key, Li
     const auto exponent = std::to_integer<std::uint8_t>(planes[kChannels * size + k]);
     if (exponent == 0) continue;
     if (exponent > kExponents) return std::nullopt;
-    std::uint8_t* node = plan.nodes.data() + LightGrid::kNodeBytes * k;
+    std::uint8_t* node = plan.node(k);
     node[kChannels] = exponent;
     const auto predicted = predictor.predict(k, exponent);
     for (std::size_t c = 0; c < kChannels; ++c)

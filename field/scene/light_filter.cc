@@ -134,7 +134,7 @@ Result<void> filter_light(const Medium& medium, LightGrid& light,
   }));
   return for_nodes(wanted, [&](std::size_t number, std::uint32_t) {
     const ArrivingLight value = as_seen(light, index, nodes, values, number, axes);
-    std::uint8_t* node = light.nodes.data() + LightGrid::kNodeBytes * number;
+    std::uint8_t* node = light.node(number);
     std::fill_n(node, LightGrid::kNodeBytes, std::uint8_t{0});
     if (value.mean != glm::vec3(0) || value.arrives != glm::vec3(0)) pack_light(value, node);
   });

@@ -102,6 +102,13 @@ struct LightGrid {
   /// Bytes of a node, and behind the last one, for loads of whole vectors.
   static constexpr std::size_t kNodeBytes = 12, kPadding = 8;
   [[nodiscard]] std::size_t node_bytes() const { return size() * kNodeBytes + kPadding; }
+  /// The bytes of a node by its number.
+  [[nodiscard]] const std::uint8_t* node(std::size_t number) const {
+    return nodes.data() + kNodeBytes * number;
+  }
+  [[nodiscard]] std::uint8_t* node(std::size_t number) {
+    return nodes.data() + kNodeBytes * number;
+  }
 };
 
 /// Rays look up the light of matter beside it, on the side of its normal, at most this share of the
@@ -232,7 +239,7 @@ inline void pack_light(const ArrivingLight& light, std::uint8_t* node) {
     const glm::ivec3 step(corner & 1, corner >> 1 & 1, corner >> 2);
     const glm::ivec3 n = glm::min(a + step, last);
     const std::size_t number = number_in(light.dims, n);
-    const std::uint8_t* node = light.nodes.data() + LightGrid::kNodeBytes * number;
+    const std::uint8_t* node = light.node(number);
     if (node[kChannels] == 0) return std::nullopt;
     if (node[kChannels] == kMissingNode) light.missed->add(number);
     const glm::vec3 share = glm::mix(1.f - w, w, glm::vec3(step));

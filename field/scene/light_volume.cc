@@ -1,3 +1,5 @@
+// LightSolver solves single nodes: points around a node, what lights them, and paths from them.
+// LightComputer, below, decides which nodes are solved, in which passes, and has them filtered.
 #include "field/scene/light_volume.h"
 
 #include <algorithm>
@@ -42,19 +44,6 @@ bool can_be_seen(const LightGrid& light, const std::vector<float>& depth, std::s
                      [&](std::size_t other, glm::ivec3) { any |= depth[other] < kHidden; });
   return any;
 }
-
-}  // namespace
-
-/// How light that is not direct is computed.
-struct LightComputer::Pass {
-  std::uint32_t paths;        // per node
-  std::uint32_t bounces;      // at most
-  const LightGrid* estimate;  // null in the first pass; ends paths that are far from their node
-
-  [[nodiscard]] std::size_t number() const { return estimate ? 1 : 0; }
-};
-
-namespace {
 
 using Pass = LightComputer::Pass;
 
@@ -471,8 +460,6 @@ LightComputer::LightComputer(const Medium& medium, const Illumination& illuminat
       threads_(threads),
       blank_(std::move(plan)) {}
 
-LightComputer::~LightComputer() = default;
-
 Result<void> LightComputer::prepare() {
   const auto extinction = SLF_TRY(node_extinctions(medium_, blank_, threads_));
   depth_ = depth_from_outside(medium_, blank_, extinction);
@@ -484,7 +471,7 @@ Result<void> LightComputer::prepare() {
         near_matter(medium_.grid(), blank_, node_at(blank_, number))) {
       index_[number] = static_cast<std::uint32_t>(numbers_.size());
       numbers_.push_back(number);
-      blank_.nodes[LightGrid::kNodeBytes * number + kChannels] = kMissingNode;
+      blank_.node(number)[kChannels] = kMissingNode;
     }
   nodes_.resize(numbers_.size());
   passes_ = {{options_.samples, 0, nullptr}};
@@ -524,9 +511,8 @@ std::vector<std::size_t> LightComputer::spread(std::vector<std::size_t> numbers,
 
 Result<void> LightComputer::fill(LightGrid& light, const Pass& pass,
                                  std::vector<std::size_t> wanted, Reporter& progress) {
-  std::erase_if(wanted, [&](std::size_t number) {
-    return light.nodes[LightGrid::kNodeBytes * number + kChannels] != kMissingNode;
-  });
+  std::erase_if(wanted,
+                [&](std::size_t number) { return light.node(number)[kChannels] != kMissingNode; });
   if (wanted.empty()) return {};
   const auto around = spread(wanted, kFilterReach);
   SLF_TRY(solve(around, pass, progress));

@@ -61,7 +61,6 @@ class LightComputer {
   /// `plan`: a grid without nodes that covers the visible box, as plan_light() makes it.
   LightComputer(const Medium& medium, const Illumination& illumination, const LightOptions& options,
                 LightGrid plan, unsigned threads);
-  ~LightComputer();
   LightComputer(const LightComputer&) = delete;
   LightComputer& operator=(const LightComputer&) = delete;
 
@@ -81,7 +80,14 @@ class LightComputer {
   [[nodiscard]] Result<void> compute(LightGrid& light, const std::vector<std::size_t>& wanted,
                                      const ProgressCallback& progress);
 
-  struct Pass;
+  /// How light that is not direct is computed.
+  struct Pass {
+    std::uint32_t paths;        ///< per node
+    std::uint32_t bounces;      ///< at most
+    const LightGrid* estimate;  ///< null in the first pass; ends paths that are far from their node
+
+    [[nodiscard]] std::size_t number() const { return estimate ? 1 : 0; }
+  };
 
  private:
   [[nodiscard]] Result<void> fill(LightGrid& light, const Pass& pass,

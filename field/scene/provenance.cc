@@ -7,7 +7,7 @@
 #include <sstream>
 
 #include "field/scene/light_rig.h"
-#include "field/volume/content.h"
+#include "field/volume/content_hash.h"
 
 namespace slf {
 namespace {

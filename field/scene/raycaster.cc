@@ -71,17 +71,28 @@ class LightOnDemand {
 
 }  // namespace
 
+/// A scene under a light volume begins with a pending light and ends with a complete one, by
+/// adopt(). Under direct light it has neither. Legal are:
+///
+///   light     | pending_light | on_demand                     | nodes of traced()'s light volume
+///   direct    | none          | null                          | none
+///   pending   | set           | null, or set by the first ray | none, or those that rays needed
+///   complete  | none          | null                          | all
+///
+/// The light is computed of all of `scene`. If rays see a part of it, or it shares another light,
+/// it is computed as a whole: `on_demand` is null. Once complete, `scene` has no grid beside
+/// `shown`.
 struct Raycaster::State {
-  std::unique_ptr<VolumeScene> scene;  // with its light
+  std::unique_ptr<VolumeScene> scene;
   std::unique_ptr<VolumeScene> shown;  // what of it rays see; null: all
-  ToneMapper tone;
-  bool mapped;                                      // whether samples are tone-mapped
-  std::optional<LightVolumeOptions> pending_light;  // until the light volume is computed
-  std::mutex preparing{};                           // guards pending_light, and adopt()
-  std::unique_ptr<LightOnDemand> on_demand{};       // while pending, once rays need light
-  std::shared_ptr<const Raycaster> light_from{};    // whose light this scene shares; or null
+  std::optional<ToneMapper> tone;      // none: samples are not mapped
+  std::optional<LightVolumeOptions> pending_light;
+  std::mutex preparing{};  // guards pending_light, and adopt()
+  std::unique_ptr<LightOnDemand> on_demand{};
+  std::shared_ptr<const Raycaster> light_from{};  // whose light this scene shares; or null
 
   void adopt(LightGrid light, const Medium& medium) {
+    assert(pending_light && !(on_demand && (shown || light_from)));
     traced().light_volume = std::move(light);
     traced().table.albedos = shown ? Medium(shown->grid).albedos() : medium.albedos();
     if (shown) scene->grid = {};  // served the light alone
@@ -94,6 +105,7 @@ struct Raycaster::State {
   /// Null: the light volume is complete, or there is none.
   [[nodiscard]] Result<LightOnDemand*> light_on_demand() {
     if (!pending_light) return nullptr;
+    assert(!shown && !light_from);
     const std::lock_guard lock(preparing);
     if (on_demand) return on_demand.get();
     auto made = std::make_unique<LightOnDemand>(*scene, pending_light->threads);
@@ -163,8 +175,9 @@ Result<std::unique_ptr<Raycaster>> Raycaster::make(Volume volume, const Transfer
   }
   auto scene = SLF_TRY(make_volume_scene(std::move(volume), transfer, all));
   auto caster = std::unique_ptr<Raycaster>(new Raycaster(std::unique_ptr<State>(
-      new State{std::move(scene), std::move(shown), ToneMapper(lighting.tone),
-                lit && !lighting.linear, lit ? std::optional(light_volume) : std::nullopt})));
+      new State{std::move(scene), std::move(shown),
+                lit && !lighting.linear ? std::optional<ToneMapper>(lighting.tone) : std::nullopt,
+                lit ? std::optional(light_volume) : std::nullopt})));
   if (!lit && caster->state_->shown) caster->state_->scene->grid = {};
   if (!light_volume.deferred) SLF_TRY(caster->prepare());
   return caster;
@@ -265,8 +278,8 @@ RayCounts Raycaster::trace_counted(std::span<const Segment> rays, std::span<RayS
   else
     while (ok && !(*light)->trace(rays, out, counts)) ok = (*light)->compute_missed({});
   if (!ok) throw std::runtime_error(ok.error().message);
-  if (state_->mapped)
-    for (RaySample& sample : out) sample.rgba = state_->tone(sample.rgba);
+  if (state_->tone)
+    for (RaySample& sample : out) sample.rgba = (*state_->tone)(sample.rgba);
   return counts;
 }
 

@@ -105,35 +105,24 @@ bool start_ray(const RayGrid& grid, const Segment& segment, RayBatch& batch, std
 }
 
 void move_ray(RayBatch& batch, std::size_t from, std::size_t to) {
-  for (int axis = 0; axis < 3; ++axis) {
-    batch.start[axis][to] = batch.start[axis][from];
-    batch.delta[axis][to] = batch.delta[axis][from];
-    batch.inverse[axis][to] = batch.inverse[axis][from];
-    batch.cell[axis][to] = batch.cell[axis][from];
-  }
-  batch.from[to] = batch.from[from];
-  batch.end[to] = batch.end[from];
-  batch.first[to] = batch.first[from];
-  batch.length[to] = batch.length[from];
-  batch.ray[to] = batch.ray[from];
-  batch.alpha[to] = batch.alpha[from];
-  batch.depth[to] = batch.depth[from];
-  batch.value[to] = batch.value[from];
-  batch.row[to] = batch.row[from];
-  batch.seen[to] = batch.seen[from];
+  const auto move = [&](auto&... arrays) { ((arrays[to] = arrays[from]), ...); };
+  for (int axis = 0; axis < 3; ++axis)
+    move(batch.start[axis], batch.delta[axis], batch.inverse[axis], batch.cell[axis]);
+  move(batch.from, batch.end, batch.first, batch.length, batch.ray, batch.alpha, batch.depth,
+       batch.value, batch.row, batch.seen);
 }
 
 /// Finds each ray's brick, and its cell there.
 HWY_INLINE void find_bricks(const RayGrid& grid, RayBatch& batch) {
   for (std::size_t i = 0; i < batch.size; i += kLanes) {
-    Ints brick = hn::Zero(kInts), bit = hn::Zero(kInts);
+    Ints brick = ints(0), bit = ints(0);
     for (int axis = 2; axis >= 0; --axis) {
-      const Ints cell = hn::ShiftRightSame(hn::Load(kInts, batch.cell[axis] + i), grid.cell_shift);
-      brick = brick * hn::Set(kInts, grid.bricks[axis]) + hn::ShiftRight<kBrickShift>(cell);
-      bit = hn::ShiftLeft<kBrickShift>(bit) + hn::And(cell, hn::Set(kInts, kBrick - 1));
+      const Ints cell = hn::ShiftRightSame(load(batch.cell[axis] + i), grid.cell_shift);
+      brick = brick * ints(grid.bricks[axis]) + hn::ShiftRight<kBrickShift>(cell);
+      bit = hn::ShiftLeft<kBrickShift>(bit) + hn::And(cell, ints(kBrick - 1));
     }
-    hn::Store(brick, kInts, batch.brick + i);
-    hn::Store(bit, kInts, batch.bit + i);
+    store(brick, batch.brick + i);
+    store(bit, batch.bit + i);
   }
 }
 
@@ -144,11 +133,11 @@ struct CellRange {
 };
 HWY_INLINE CellRange cell_range(const RayGrid& grid, const RayBatch& batch, int axis,
                                 std::size_t i) {
-  const Ints one = hn::Set(kInts, 1);
-  const Ints cell = hn::Load(kInts, batch.cell[axis] + i);
-  const Ints distance = hn::Load(kInts, batch.distance + i);
+  const Ints one = ints(1);
+  const Ints cell = load(batch.cell[axis] + i);
+  const Ints distance = load(batch.distance + i);
   const Ints brick = hn::ShiftRightSame(cell, (kBrickShift + grid.cell_shift));
-  const auto empty = distance > hn::Zero(kInts);
+  const auto empty = distance > ints(0);
   return {
       hn::IfThenElse(
           empty, hn::ShiftLeftSame(brick - distance + one, (kBrickShift + grid.cell_shift)), cell),
@@ -158,38 +147,36 @@ HWY_INLINE CellRange cell_range(const RayGrid& grid, const RayBatch& batch, int 
 
 /// Where each ray leaves its range of cells through a face of this axis.
 HWY_INLINE Floats leaves(const RayBatch& batch, const CellRange& range, int axis, std::size_t i) {
-  const Floats inverse = hn::Load(kFloats, batch.inverse[axis] + i);
-  const auto up = hn::RebindMask(kInts, inverse > hn::Zero(kFloats));
+  const Floats inverse = load(batch.inverse[axis] + i);
+  const auto up = hn::RebindMask(kInts, inverse > floats(0));
   const Floats face = hn::ConvertTo(kFloats, hn::IfThenElse(up, range.high, range.low));
-  const Floats t = (face - hn::Load(kFloats, batch.start[axis] + i)) * inverse;
-  return hn::IfThenElse(inverse == hn::Zero(kFloats), hn::Set(kFloats, 1e30f), t);
+  const Floats t = (face - load(batch.start[axis] + i)) * inverse;
+  return hn::IfThenElse(inverse == floats(0), floats(1e30f), t);
 }
 
 /// Finds each ray's interval. It ends where the ray leaves its cells, or before, so that
 /// intervals in one cell have equal lengths of at most one step.
 HWY_INLINE void find_intervals(const RayGrid& grid, RayBatch& batch) {
-  const Floats scale = hn::Set(kFloats, grid.cell_shift ? 0.5f : 1.f);
-  const Floats inverse_step = hn::Set(kFloats, static_cast<float>(1 / grid.step));
+  const Floats scale = floats(grid.cell_shift ? 0.5f : 1.f);
+  const Floats inverse_step = floats(1 / grid.step);
   for (std::size_t i = 0; i < batch.size; i += kLanes) {
-    Floats to = hn::Load(kFloats, batch.end + i);
+    Floats to = load(batch.end + i);
     for (int axis = 0; axis < 3; ++axis)
       to = hn::Min(to, leaves(batch, cell_range(grid, batch, axis, i), axis, i));
-    const Floats from = hn::Load(kFloats, batch.from + i);
-    const Floats length = hn::Max(to - from, hn::Zero(kFloats));
-    const Floats steps = hn::Ceil(length * inverse_step - hn::Set(kFloats, 1e-3f));
+    const Floats from = load(batch.from + i);
+    const Floats length = hn::Max(to - from, floats(0));
+    const Floats steps = hn::Ceil(length * inverse_step - floats(1e-3f));
     const auto divided =
-        hn::And(steps > hn::Set(kFloats, 1.f),
-                hn::RebindMask(kFloats, hn::Load(kInts, batch.distance + i) == hn::Zero(kInts)));
+        hn::And(steps > floats(1.f), hn::RebindMask(kFloats, load(batch.distance + i) == ints(0)));
     to = hn::IfThenElse(divided, from + length / steps, hn::Max(from, to));
-    hn::Store(to, kFloats, batch.to + i);
-    hn::Store(to - from, kFloats, batch.span + i);
+    store(to, batch.to + i);
+    store(to - from, batch.span + i);
     for (int axis = 0; axis < 3; ++axis) {
-      const Floats delta = hn::Load(kFloats, batch.delta[axis] + i);
-      const Ints cell = hn::ShiftRightSame(hn::Load(kInts, batch.cell[axis] + i), grid.cell_shift);
-      const Floats at = hn::MulAdd(from, delta, hn::Load(kFloats, batch.start[axis] + i));
-      hn::Store(hn::MulSub(at, scale, hn::ConvertTo(kFloats, cell)), kFloats,
-                batch.within[axis] + i);
-      hn::Store((to - from) * delta * scale, kFloats, batch.across[axis] + i);
+      const Floats delta = load(batch.delta[axis] + i);
+      const Ints cell = hn::ShiftRightSame(load(batch.cell[axis] + i), grid.cell_shift);
+      const Floats at = hn::MulAdd(from, delta, load(batch.start[axis] + i));
+      store(hn::MulSub(at, scale, hn::ConvertTo(kFloats, cell)), batch.within[axis] + i);
+      store((to - from) * delta * scale, batch.across[axis] + i);
     }
   }
 }
@@ -197,27 +184,25 @@ HWY_INLINE void find_intervals(const RayGrid& grid, RayBatch& batch) {
 /// Moves each ray to the end of its interval, and from there into the next cell if it ends there.
 HWY_INLINE void advance(const RayGrid& grid, RayBatch& batch) {
   for (std::size_t i = 0; i < batch.size; i += kLanes) {
-    const Floats to = hn::Load(kFloats, batch.to + i);
+    const Floats to = load(batch.to + i);
     Floats from = to;
     for (int axis = 0; axis < 3; ++axis) {
       const CellRange range = cell_range(grid, batch, axis, i);
       const auto ends = hn::RebindMask(kInts, leaves(batch, range, axis, i) <= to);
-      const auto up =
-          hn::RebindMask(kInts, hn::Load(kFloats, batch.inverse[axis] + i) > hn::Zero(kFloats));
-      const Ints one = hn::Set(kInts, 1);
-      const Ints at = hn::ConvertTo(kInts, hn::MulAdd(to, hn::Load(kFloats, batch.delta[axis] + i),
-                                                      hn::Load(kFloats, batch.start[axis] + i)));
+      const auto up = hn::RebindMask(kInts, load(batch.inverse[axis] + i) > floats(0));
+      const Ints one = ints(1);
+      const Ints at = hn::ConvertTo(
+          kInts, hn::MulAdd(to, load(batch.delta[axis] + i), load(batch.start[axis] + i)));
       const Ints inside = hn::Min(hn::Max(at, range.low), range.high - one);
       const Ints cell =
           hn::IfThenElse(ends, hn::IfThenElse(up, range.high, range.low - one), inside);
       // Rounding may move a ray out of the volume just before its end.
-      const Ints last = hn::Set(kInts, grid.cells[axis] - 1);
-      const auto outside = hn::Or(cell<hn::Zero(kInts), cell> last);
-      from =
-          hn::IfThenElse(hn::RebindMask(kFloats, outside), hn::Load(kFloats, batch.end + i), from);
-      hn::Store(hn::Min(hn::Max(cell, hn::Zero(kInts)), last), kInts, batch.cell[axis] + i);
+      const Ints last = ints(grid.cells[axis] - 1);
+      const auto outside = hn::Or(cell<ints(0), cell> last);
+      from = hn::IfThenElse(hn::RebindMask(kFloats, outside), load(batch.end + i), from);
+      store(hn::Min(hn::Max(cell, ints(0)), last), batch.cell[axis] + i);
     }
-    hn::Store(from, kFloats, batch.from + i);
+    store(from, batch.from + i);
   }
 }
 
@@ -268,8 +253,8 @@ void replace_finished(const RayGrid& grid, std::span<const Segment> rays, std::s
   // Backwards, so that a ray that moves down was checked before.
   for (std::size_t group = (batch.size + kLanes - 1) / kLanes; group-- > 0;) {
     const std::size_t begin = group * kLanes;
-    const auto going = hn::Load(kFloats, batch.end + begin) > hn::Load(kFloats, batch.from + begin);
-    const auto opaque = hn::Load(kFloats, batch.alpha + begin) > hn::Set(kFloats, kOpaque);
+    const auto going = load(batch.end + begin) > load(batch.from + begin);
+    const auto opaque = load(batch.alpha + begin) > floats(kOpaque);
     const auto ended =
         hn::And(hn::Not(hn::AndNot(opaque, going)), hn::FirstN(kFloats, batch.size - begin));
     std::uint8_t bytes[8] = {};
@@ -307,8 +292,7 @@ HWY_INLINE void take(const RayBatch& batch, Samples<S>& samples) {
   samples.size = 0;
 #if HWY_TARGET <= HWY_AVX3  // compresses fast
   for (std::size_t i = 0; i < batch.size; i += kLanes) {
-    const auto shown = hn::And(hn::Load(kInts, batch.shown + i) != hn::Zero(kInts),
-                               hn::FirstN(kInts, batch.size - i));
+    const auto shown = hn::And(load(batch.shown + i) != ints(0), hn::FirstN(kInts, batch.size - i));
     copy_all([&](const auto* from, auto* to) {
       constexpr hn::ScalableTag<std::remove_cvref_t<decltype(*from)>> d;
       hn::StoreU(hn::Compress(hn::Load(d, from + i), hn::RebindMask(d, shown)), d,

@@ -23,22 +23,21 @@ namespace {
 /// nodes.
 HWY_INLINE void look_up(const LightGrid& grid, const Floats (&at)[3], Floats opacity,
                         std::size_t count, Floats (&found)[kChannels + 1]) {
-  const Ints zero = hn::Zero(kInts), one = hn::Set(kInts, 1);
+  const Ints zero = ints(0), one = ints(1);
   Floats share[3][2];
   Ints first = zero, step[3];
   for (int axis = 2; axis >= 0; --axis) {
-    const Ints last = hn::Set(kInts, grid.dims[axis] - 1);
-    const Floats p =
-        hn::IfThenElseZero(opacity > hn::Zero(kFloats), hn::Max(hn::Zero(kFloats), at[axis]));
+    const Ints last = ints(grid.dims[axis] - 1);
+    const Floats p = hn::IfThenElseZero(opacity > floats(0), hn::Max(floats(0), at[axis]));
     // Lanes after the last sample hold anything: clamp, so that every access is in the grid.
     const Ints cell = hn::Max(zero, hn::Min(hn::ConvertTo(kInts, p), last));
-    share[axis][1] = hn::Min(p - hn::ConvertTo(kFloats, cell), hn::Set(kFloats, 1.f));
-    share[axis][0] = hn::Set(kFloats, 1.f) - share[axis][1];
+    share[axis][1] = hn::Min(p - hn::ConvertTo(kFloats, cell), floats(1.f));
+    share[axis][0] = floats(1.f) - share[axis][1];
     step[axis] = hn::Min(one, last - cell);  // 0 in the last node of an axis
-    first = first * hn::Set(kInts, grid.dims[axis]) + cell;
+    first = first * ints(grid.dims[axis]) + cell;
   }
-  step[1] = step[1] * hn::Set(kInts, grid.dims[0]);
-  step[2] = step[2] * hn::Set(kInts, grid.dims[0] * grid.dims[1]);
+  step[1] = step[1] * ints(grid.dims[0]);
+  step[2] = step[2] * ints(grid.dims[0] * grid.dims[1]);
   alignas(64) std::int32_t nodes[8][kLanes];
   alignas(64) float weights[8][kLanes];
   for (int corner = 0; corner < 8; ++corner) {
@@ -47,8 +46,8 @@ HWY_INLINE void look_up(const LightGrid& grid, const Floats (&at)[3], Floats opa
     if (x) node = node + step[0];
     if (y) node = node + step[1];
     if (z) node = node + step[2];
-    hn::Store(node, kInts, nodes[corner]);
-    hn::Store(share[0][x] * share[1][y] * share[2][z], kFloats, weights[corner]);
+    store(node, nodes[corner]);
+    store(share[0][x] * share[1][y] * share[2][z], weights[corner]);
   }
   const hn::CappedTag<float, 16> channels;
   const hn::Rebind<std::uint8_t, decltype(channels)> bytes;
@@ -61,8 +60,7 @@ HWY_INLINE void look_up(const LightGrid& grid, const Floats (&at)[3], Floats opa
     hn::Vec<decltype(channels)> sum[kVectors];
     for (auto& v : sum) v = hn::Zero(channels);
     for (int corner = 0; corner < 8; ++corner) {
-      const std::uint8_t* node =
-          grid.nodes.data() + LightGrid::kNodeBytes * static_cast<std::size_t>(nodes[corner][lane]);
+      const std::uint8_t* node = grid.node(static_cast<std::size_t>(nodes[corner][lane]));
       if (HWY_UNLIKELY(node[kChannels] == kMissingNode))
         grid.missed->add(static_cast<std::size_t>(nodes[corner][lane]));
       const NodeUnits& units = kNodeUnits[node[kChannels]];
@@ -94,36 +92,35 @@ struct NormalFinder {
   bool cut = near_face();
 
   HWY_INLINE bool near_face() const {
-    auto at_face = hn::Zero(kInts) > hn::Zero(kInts);
+    auto at_face = ints(0) > ints(0);
     for (int axis = 0; axis < 3; ++axis) {
-      const Ints cell = hn::Load(kInts, samples.cell[axis] + i);
-      at_face = hn::Or(
-          at_face, hn::Or(cell == hn::Zero(kInts), cell == hn::Set(kInts, grid.dims[axis] - 2)));
+      const Ints cell = load(samples.cell[axis] + i);
+      at_face = hn::Or(at_face, hn::Or(cell == ints(0), cell == ints(grid.dims[axis] - 2)));
     }
     for (int end = 0; end < (grid.clip.empty() ? 0 : 2); ++end) {
       Floats at[3];
-      find_place(samples, hn::Set(kFloats, static_cast<float>(end)), i, at);
+      find_place(samples, floats(end), i, at);
       for (const GridPlane& plane : grid.clip)
-        at_face = hn::Or(at_face, hn::RebindMask(kInts, below(plane, at) < hn::Set(kFloats, 1.f)));
+        at_face = hn::Or(at_face, hn::RebindMask(kInts, below(plane, at) < floats(1.f)));
     }
     return !hn::AllFalse(kInts, at_face);
   }
 
   /// The normal (world) at a place of the interval, times how far it is a surface if it is opaque.
   HWY_INLINE void operator()(Floats place, Floats (&normal)[3]) const {
-    Floats length2 = hn::Set(kFloats, 1e-30f);
+    Floats length2 = floats(1e-30f);
     normals(place, normal);
     for (const Floats& n : normal) length2 = hn::MulAdd(n, n, length2);
-    const Floats one = hn::Set(kFloats, 1.f), inverse = inverse_sqrt(length2);
+    const Floats one = floats(1.f), inverse = inverse_sqrt(length2);
     const Floats sure =
-        one - hn::Exp(kFloats, length2 * inverse * hn::Set(kFloats, -grid.inverse_gradient_floor));
+        one - hn::Exp(kFloats, length2 * inverse * floats(-grid.inverse_gradient_floor));
     const auto finite = hn::IsFinite(length2);  // not the square of a gradient above 1.8e19
     for (Floats& n : normal) n = hn::IfThenElseZero(finite, n * (sure * inverse));
     if (!cut) return;
     Floats at[3];
     find_place(samples, place, i, at);
     for (int axis = 0; axis < 3; ++axis) {
-      const Floats high = hn::Set(kFloats, static_cast<float>(grid.dims[axis] - 1)) - at[axis];
+      const Floats high = floats(grid.dims[axis] - 1) - at[axis];
       turn_to_face(hn::Min(at[axis], high), hn::IfThenElse(at[axis] < high, hn::Neg(one), one),
                    grid.face_normals[axis], normal);
     }
@@ -139,23 +136,23 @@ struct Incidence {
 HWY_INLINE Incidence incidence(const RayGrid& grid, const GridLight& light, const Floats (&at)[3]) {
   Incidence in;
   for (int k = 0; k < 3; ++k) {
-    in.direction[k] = hn::Set(kFloats, light.direction[k]);
-    in.rgb[k] = hn::Set(kFloats, light.irradiance[k]);
+    in.direction[k] = floats(light.direction[k]);
+    in.rgb[k] = floats(light.irradiance[k]);
   }
   if (light.distance == 0) return in;
   // As PlacedLight::incident_light().
-  Floats length2 = hn::Set(kFloats, 1e-30f), cosine = hn::Zero(kFloats);
+  Floats length2 = floats(1e-30f), cosine = floats(0);
   for (int k = 0; k < 3; ++k) {
-    Floats to = hn::Set(kFloats, light.place[k]);
+    Floats to = floats(light.place[k]);
     for (int axis = 0; axis < 3; ++axis)
-      to = hn::NegMulAdd(hn::Set(kFloats, grid.index_to_world[axis][k]), at[axis], to);
+      to = hn::NegMulAdd(floats(grid.index_to_world[axis][k]), at[axis], to);
     cosine = hn::MulAdd(to, in.direction[k], cosine);
     length2 = hn::MulAdd(to, to, length2);
     in.direction[k] = to;
   }
   const Floats inverse = inverse_sqrt(length2);
-  const Floats ratio = hn::Set(kFloats, light.distance) * inverse;
-  const Floats falls = hn::Max(cosine, hn::Zero(kFloats)) * inverse * ratio * ratio;
+  const Floats ratio = floats(light.distance) * inverse;
+  const Floats falls = hn::Max(cosine, floats(0)) * inverse * ratio * ratio;
   for (int k = 0; k < 3; ++k) {
     in.direction[k] = in.direction[k] * inverse;
     in.rgb[k] = in.rgb[k] * falls;
@@ -168,55 +165,49 @@ HWY_INLINE Incidence incidence(const RayGrid& grid, const GridLight& light, cons
 template <class S>
 HWY_INLINE void find_light(const RayGrid& grid, Samples<S>& samples) {
   const LightGrid& light = grid.light_volume;
-  const Floats zero = hn::Zero(kFloats), one = hn::Set(kFloats, 1.f);
-  const Ints last = hn::Set(kInts, static_cast<std::int32_t>(grid.table.albedos.size()) - 1);
+  const Floats zero = floats(0), one = floats(1.f);
+  const Ints last = ints(static_cast<std::int32_t>(grid.table.albedos.size()) - 1);
   for (std::size_t i = 0; i < samples.size; i += kLanes) {
     const NormalFinder<S> normal_at{grid, samples, i};
     Floats share[kPieces], normal[kPieces][3], surface[kPieces];
-    Floats total = hn::Set(kFloats, 1e-20f), mean_surface = zero, mean[3] = {zero, zero, zero};
+    Floats total = floats(1e-20f), mean_surface = zero, mean[3] = {zero, zero, zero};
     for (int k = 0; k < kPieces; ++k) {
-      const Ints entry =
-          hn::Max(hn::Zero(kInts), hn::Min(hn::Load(kInts, samples.entry[k] + i), last));
+      const Ints entry = hn::Max(ints(0), hn::Min(load(samples.entry[k] + i), last));
       const Floats dense =
           hn::GatherIndex(kFloats, &grid.table.albedos[0].w, hn::ShiftLeft<2>(entry));
-      normal_at(hn::Load(kFloats, samples.place[k] + i), normal[k]);
+      normal_at(load(samples.place[k] + i), normal[k]);
       Floats size2 = zero;
       for (Floats& n : normal[k]) {
         n = n * dense;
         size2 = hn::MulAdd(n, n, size2);
       }
       surface[k] = hn::Sqrt(size2);
-      share[k] = hn::Load(kFloats, samples.share[k] + i);
+      share[k] = load(samples.share[k] + i);
       total = total + share[k];
       mean_surface = hn::MulAdd(share[k], surface[k], mean_surface);
       for (int axis = 0; axis < 3; ++axis)
         mean[axis] = hn::MulAdd(share[k], normal[k][axis], mean[axis]);
     }
     // The place of the look-up, as LightSolver::look_up_place().
-    Floats at[3], nodes[3], aside[3], length2 = hn::Set(kFloats, 1e-12f);
+    Floats at[3], nodes[3], aside[3], length2 = floats(1e-12f);
     for (int axis = 0; axis < 3; ++axis) {
       aside[axis] = zero;
       for (int k = 0; k < 3; ++k)
-        aside[axis] = hn::MulAdd(hn::Set(kFloats, static_cast<float>(grid.world_to_index[k][axis])),
-                                 mean[k], aside[axis]);
+        aside[axis] = hn::MulAdd(floats(grid.world_to_index[k][axis]), mean[k], aside[axis]);
       length2 = hn::MulAdd(aside[axis], aside[axis], length2);
     }
-    const Floats beside =
-        hn::Set(kFloats, kLookUpBeside) * mean_surface / (total * hn::Sqrt(length2));
-    find_place(samples, hn::Load(kFloats, samples.center + i), i, at);
+    const Floats beside = floats(kLookUpBeside) * mean_surface / (total * hn::Sqrt(length2));
+    find_place(samples, load(samples.center + i), i, at);
     for (int axis = 0; axis < 3; ++axis) {
-      nodes[axis] =
-          hn::MulAdd(at[axis] - hn::Set(kFloats, static_cast<float>(light.low[axis])),
-                     hn::Set(kFloats, static_cast<float>(1 / light.spacing)), beside * aside[axis]);
+      nodes[axis] = hn::MulAdd(at[axis] - floats(light.low[axis]), floats(1 / light.spacing),
+                               beside * aside[axis]);
     }
     Floats found[kChannels + 1];
-    look_up(light, nodes, hn::Load(kFloats, samples.opacity + i),
-            std::min(kLanes, samples.size - i), found);
+    look_up(light, nodes, load(samples.opacity + i), std::min(kLanes, samples.size - i), found);
     // Green, from a luminance of 1.
-    const Floats green =
-        hn::NegMulAdd(hn::Set(kFloats, kLuminance.r / kLuminance.g), found[9],
-                      hn::NegMulAdd(hn::Set(kFloats, kLuminance.b / kLuminance.g), found[10],
-                                    hn::Set(kFloats, 1 / kLuminance.g)));
+    const Floats green = hn::NegMulAdd(
+        floats(kLuminance.r / kLuminance.g), found[9],
+        hn::NegMulAdd(floats(kLuminance.b / kLuminance.g), found[10], floats(1 / kLuminance.g)));
     const Floats tint[3] = {found[9], green, found[10]};
     Floats rgb[kPieces][3];
     for (int k = 0; k < kPieces; ++k) {
@@ -232,8 +223,8 @@ HWY_INLINE void find_light(const RayGrid& grid, Samples<S>& samples) {
                        hn::MulAdd(in.direction[1], normal[k][1], in.direction[2] * normal[k][2]));
         // Matter::kernel().
         const Floats kernel =
-            hn::MulAdd(hn::Max(toward, zero), hn::Set(kFloats, std::numbers::inv_pi_v<float>),
-                       (one - surface[k]) * hn::Set(kFloats, std::numbers::inv_pi_v<float> / 4));
+            hn::MulAdd(hn::Max(toward, zero), floats(std::numbers::inv_pi_v<float>),
+                       (one - surface[k]) * floats(std::numbers::inv_pi_v<float> / 4));
         const Floats arrives = kernel * found[6 + l];
         for (int c = 0; c < 3; ++c) rgb[k][c] = hn::MulAdd(arrives, in.rgb[c], rgb[k][c]);
       }

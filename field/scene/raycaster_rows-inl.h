@@ -33,6 +33,17 @@ using Floats = hn::Vec<decltype(kFloats)>;
 using Ints = hn::Vec<decltype(kInts)>;
 constexpr std::size_t kLanes = hn::MaxLanes(kFloats);
 
+/// Vectors of one value; and of kLanes values in memory, which is aligned.
+template <class T>
+HWY_INLINE Floats floats(T value) {
+  return hn::Set(kFloats, static_cast<float>(value));
+}
+HWY_INLINE Ints ints(std::int32_t value) { return hn::Set(kInts, value); }
+HWY_INLINE Floats load(const float* from) { return hn::Load(kFloats, from); }
+HWY_INLINE Ints load(const std::int32_t* from) { return hn::Load(kInts, from); }
+HWY_INLINE void store(Floats values, float* to) { hn::Store(values, kFloats, to); }
+HWY_INLINE void store(Ints values, std::int32_t* to) { hn::Store(values, kInts, to); }
+
 /// Four voxels in a row along x.
 template <class T>
 struct Row {

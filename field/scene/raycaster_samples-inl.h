@@ -72,30 +72,29 @@ HWY_INLINE Trilinear trilinear(const Floats (&x0)[4], const Floats (&x1)[4]) {
 template <class S>
 HWY_INLINE void find_position(const Samples<S>& samples, Floats u, std::size_t i, Floats (&p)[3]) {
   for (int axis = 0; axis < 3; ++axis)
-    p[axis] = hn::MulAdd(u, hn::Load(kFloats, samples.across[axis] + i),
-                         hn::Load(kFloats, samples.start[axis] + i));
+    p[axis] = hn::MulAdd(u, load(samples.across[axis] + i), load(samples.start[axis] + i));
 }
 
 /// The position of a value in a row of the table.
 HWY_INLINE Floats table_position(const TransferTable& table, Floats value) {
-  const Floats last = hn::Set(kFloats, static_cast<float>(table.entries - 1));
+  const Floats last = floats(table.entries - 1);
   Floats at;
   if (table.logarithmic) {
     const Ints bits = hn::BitCast(kInts, value);
-    const Ints int_min = hn::Set(kInts, std::numeric_limits<std::int32_t>::min());
-    const Ints ordered = hn::IfThenElse(bits < hn::Zero(kInts), int_min - bits, bits);
-    const auto key = hn::BitCast(
-        kWords, hn::Max(ordered, hn::Set(kInts, table.low_key)) - hn::Set(kInts, table.low_key));
+    const Ints int_min = ints(std::numeric_limits<std::int32_t>::min());
+    const Ints ordered = hn::IfThenElse(bits < ints(0), int_min - bits, bits);
+    const auto key =
+        hn::BitCast(kWords, hn::Max(ordered, ints(table.low_key)) - ints(table.low_key));
     // In two parts, as floats do not hold all bits of a key.
     const auto high = hn::ShiftRightSame(key, table.shift);
     const auto low = key - hn::ShiftLeftSame(high, table.shift);
     at = hn::MulAdd(hn::ConvertTo(kFloats, hn::BitCast(kInts, low)),
-                    hn::Set(kFloats, std::ldexp(1.f, -table.shift)),
-                    hn::ConvertTo(kFloats, hn::BitCast(kInts, high)) - hn::Set(kFloats, 0.5f));
+                    floats(std::ldexp(1.f, -table.shift)),
+                    hn::ConvertTo(kFloats, hn::BitCast(kInts, high)) - floats(0.5f));
   } else {
-    at = (value - hn::Set(kFloats, table.low)) * hn::Set(kFloats, table.scale);
+    at = (value - floats(table.low)) * floats(table.scale);
   }
-  return hn::Min(hn::Max(at, hn::Zero(kFloats)), last);
+  return hn::Min(hn::Max(at, floats(0)), last);
 }
 
 /// The integrals at kLanes entries of the table.
@@ -154,7 +153,7 @@ HWY_NOINLINE void refine_entries(const TransferTable& table, Samples<S>& samples
   const Floats change =
       hn::GatherIndex(kFloats, path, entries[k + 1]) - hn::GatherIndex(kFloats, path, entries[k]);
   std::uint8_t bytes[8] = {};
-  hn::StoreMaskBits(kFloats, share * hn::Abs(change) > hn::Set(kFloats, kSteep), bytes);
+  hn::StoreMaskBits(kFloats, share * hn::Abs(change) > floats(kSteep), bytes);
   for (unsigned bits = bytes[0] | bytes[1] << 8; bits != 0; bits &= bits - 1)
     if (const auto s = i + static_cast<std::size_t>(std::countr_zero(bits)); s < samples.size)
       refine_entry(table, samples, k, s);
@@ -165,13 +164,13 @@ HWY_NOINLINE void refine_entries(const TransferTable& table, Samples<S>& samples
 template <class S, bool kLabels>
 HWY_INLINE void find_opacity(const RayGrid& grid, Samples<S>& samples) {
   const TransferTable& table = grid.table;
-  const Floats zero = hn::Zero(kFloats), one = hn::Set(kFloats, 1.f);
-  const Floats half = hn::Set(kFloats, 0.5f), piece = hn::Set(kFloats, 1.f / kPieces);
-  const Ints last = hn::Set(kInts, static_cast<std::int32_t>(table.entries) - 1);
+  const Floats zero = floats(0), one = floats(1.f);
+  const Floats half = floats(0.5f), piece = floats(1.f / kPieces);
+  const Ints last = ints(static_cast<std::int32_t>(table.entries) - 1);
   for (std::size_t i = 0; i < samples.size; i += kLanes) {
     // Lanes after the last sample hold anything: clamp, so that every access is in the table.
-    const Ints end = hn::Set(kInts, static_cast<std::int32_t>(table.integrals.size()) - 1);
-    const Ints row = hn::Max(hn::Zero(kInts), hn::Min(hn::Load(kInts, samples.row + i), end));
+    const Ints end = ints(static_cast<std::int32_t>(table.integrals.size()) - 1);
+    const Ints row = hn::Max(ints(0), hn::Min(load(samples.row + i), end));
     Trilinear value;
     if constexpr (!kLabels) {
       Floats x0[4], x1[4];
@@ -186,16 +185,16 @@ HWY_INLINE void find_opacity(const RayGrid& grid, Samples<S>& samples) {
     Floats at[kPieces + 1], within[kPieces + 1];
     Ints entries[kPieces + 1];
     for (int k = 0; k <= kPieces; ++k) {
-      Ints entry = hn::Zero(kInts);
+      Ints entry = ints(0);
       at[k] = zero;
       if constexpr (!kLabels) {
         Floats p[3];
-        find_position(samples, hn::Set(kFloats, static_cast<float>(k) / kPieces), i, p);
+        find_position(samples, floats(static_cast<float>(k) / kPieces), i, p);
         at[k] = table_position(table, value(p));
         entry = hn::Min(hn::Max(hn::ConvertTo(kInts, at[k]), entry), last);
       }
       within[k] = at[k] - hn::ConvertTo(kFloats, entry);
-      hn::Store(at[k], kFloats, samples.value[k] + i);
+      store(at[k], samples.value[k] + i);
       entries[k] = hn::Min(entry + row, end);
     }
     // The integral of the extinction up to each of them.
@@ -204,7 +203,7 @@ HWY_INLINE void find_opacity(const RayGrid& grid, Samples<S>& samples) {
       load_integrals(table, entries[k], before[k], extinction[k]);
       before[k] = hn::MulAdd(within[k], extinction[k], before[k]);
     }
-    const Floats length = hn::Load(kFloats, samples.length + i) * piece;
+    const Floats length = load(samples.length + i) * piece;
     Floats left = one, center = zero;
     for (int k = 0; k < kPieces; ++k) {
       const Floats change = at[k + 1] - at[k];
@@ -218,36 +217,33 @@ HWY_INLINE void find_opacity(const RayGrid& grid, Samples<S>& samples) {
       // Where extinction rises or falls, most matter is at one end of the piece: `mass` is its mean
       // position, and `extent` how much of the piece it fills.
       const Floats most = hn::Max(extinction[k], extinction[k + 1]);
-      const Floats ratio = hn::Min(mean / hn::Max(most, hn::Set(kFloats, 1e-20f)), one);
-      const Floats rising =
-          hn::Max(hn::NegMulAdd(hn::Set(kFloats, 2.f / 3), ratio, one),
-                  hn::NegMulAdd(hn::Set(kFloats, 1.f / 3), ratio, hn::Set(kFloats, 5.f / 6)));
+      const Floats ratio = hn::Min(mean / hn::Max(most, floats(1e-20f)), one);
+      const Floats rising = hn::Max(hn::NegMulAdd(floats(2.f / 3), ratio, one),
+                                    hn::NegMulAdd(floats(1.f / 3), ratio, floats(5.f / 6)));
       const Floats mass = hn::IfThenElse(extinction[k + 1] > extinction[k], rising, one - rising);
       const Floats extent = hn::Min(ratio + ratio, one);
       // The mean position at which light is absorbed, 1/d - 1/(exp(d) - 1), lies before that.
-      const Floats d = hn::Min(depth, hn::Set(kFloats, 8.f));
-      const Floats before_middle =
-          d * hn::MulAdd(d, hn::Set(kFloats, -0.0045f), hn::Set(kFloats, 1.f / 12));
+      const Floats d = hn::Min(depth, floats(8.f));
+      const Floats before_middle = d * hn::MulAdd(d, floats(-0.0045f), floats(1.f / 12));
       const Floats middle = hn::NegMulAdd(extent, before_middle, mass);
-      const Floats place = piece * (middle + hn::Set(kFloats, static_cast<float>(k)));
-      hn::Store(piece * extent * (half - before_middle), kFloats, samples.reach[k] + i);
-      hn::Store(share, kFloats, samples.share[k] + i);
-      hn::Store(place, kFloats, samples.place[k] + i);
+      const Floats place = piece * (middle + floats(k));
+      store(piece * extent * (half - before_middle), samples.reach[k] + i);
+      store(share, samples.share[k] + i);
+      store(place, samples.place[k] + i);
       center = hn::MulAdd(share, place, center);
       const Ints entry = hn::Min(hn::NearestInt(hn::MulAdd(middle, change, at[k])), last);
-      hn::Store(row + hn::Max(entry, hn::Zero(kInts)), kInts, samples.entry[k] + i);
+      store(row + hn::Max(entry, ints(0)), samples.entry[k] + i);
       // Few pieces reach so many entries that they may be steep.
-      const Floats step = hn::Set(kFloats, 1.001f * table.color_step);
-      const auto may_be =
-          share * hn::MulAdd(hn::Abs(change), step, step) > hn::Set(kFloats, kSteep);
+      const Floats step = floats(1.001f * table.color_step);
+      const auto may_be = share * hn::MulAdd(hn::Abs(change), step, step) > floats(kSteep);
       if (!kLabels && !hn::AllFalse(kFloats, may_be))
         refine_entries(table, samples, k, i, entries, share);
       left = after;
     }
     const Floats opacity = one - left;
-    const Floats inverse = one / hn::Max(opacity, hn::Set(kFloats, 1e-30f));
-    hn::Store(opacity, kFloats, samples.opacity + i);
-    hn::Store(center * inverse, kFloats, samples.center + i);
+    const Floats inverse = one / hn::Max(opacity, floats(1e-30f));
+    store(opacity, samples.opacity + i);
+    store(center * inverse, samples.center + i);
   }
 }
 
@@ -266,7 +262,7 @@ HWY_INLINE void mix(const Floats (&a)[N], const Floats (&b)[N], Floats start, Fl
 }
 
 /// Exact division and root: approximations differ from machine to machine, and with them fields.
-HWY_INLINE Floats inverse_sqrt(Floats x) { return hn::Set(kFloats, 1.f) / hn::Sqrt(x); }
+HWY_INLINE Floats inverse_sqrt(Floats x) { return floats(1.f) / hn::Sqrt(x); }
 
 /// The normals of kLanes samples: against the gradient (world), and as long as that. The trilinear
 /// interpolation of central differences has no facets; along an interval it is a cubic polynomial.
@@ -286,8 +282,8 @@ HWY_INLINE Normals normals_of(const RayGrid& grid, const Samples<S>& samples, st
   for (int r = 0; r < 12; ++r) row[r] = load_columns(samples.rows[r] + i);
   Floats start[3], across[3], cubic[3][4];
   for (int axis = 0; axis < 3; ++axis) {
-    start[axis] = hn::Load(kFloats, samples.start[axis] + i);
-    across[axis] = hn::Load(kFloats, samples.across[axis] + i);
+    start[axis] = load(samples.start[axis] + i);
+    across[axis] = load(samples.across[axis] + i);
   }
   // At the corners, by (y, z).
   constexpr int kAbove[2][4] = {{1, 6, 3, 7}, {2, 3, 10, 11}};  // along y, z; see kRowY, kRowZ
@@ -311,10 +307,9 @@ HWY_INLINE Normals normals_of(const RayGrid& grid, const Samples<S>& samples, st
   const auto& m = grid.gradient_to_world;
   for (int axis = 0; axis < 3; ++axis)
     for (int k = 0; k < 4; ++k)
-      normals.along[axis][k] =
-          hn::MulAdd(hn::Set(kFloats, -0.5f * m[0][axis]), cubic[0][k],
-                     hn::MulAdd(hn::Set(kFloats, -0.5f * m[1][axis]), cubic[1][k],
-                                hn::Set(kFloats, -0.5f * m[2][axis]) * cubic[2][k]));
+      normals.along[axis][k] = hn::MulAdd(floats(-0.5f * m[0][axis]), cubic[0][k],
+                                          hn::MulAdd(floats(-0.5f * m[1][axis]), cubic[1][k],
+                                                     floats(-0.5f * m[2][axis]) * cubic[2][k]));
   return normals;
 }
 
@@ -323,14 +318,13 @@ template <class S>
 HWY_INLINE void find_place(const Samples<S>& samples, Floats u, std::size_t i, Floats (&at)[3]) {
   find_position(samples, u, i, at);
   for (int axis = 0; axis < 3; ++axis)
-    at[axis] = at[axis] + hn::ConvertTo(kFloats, hn::Load(kInts, samples.cell[axis] + i));
+    at[axis] = at[axis] + hn::ConvertTo(kFloats, load(samples.cell[axis] + i));
 }
 
 /// How far places lie below a plane that clips the volume, in voxels.
 HWY_INLINE Floats below(const GridPlane& plane, const Floats (&at)[3]) {
-  Floats sum = hn::Set(kFloats, static_cast<float>(plane.offset));
-  for (int axis = 0; axis < 3; ++axis)
-    sum = hn::MulAdd(hn::Set(kFloats, static_cast<float>(plane.inwards[axis])), at[axis], sum);
+  Floats sum = floats(plane.offset);
+  for (int axis = 0; axis < 3; ++axis) sum = hn::MulAdd(floats(plane.inwards[axis]), at[axis], sum);
   return sum;
 }
 
@@ -338,23 +332,23 @@ HWY_INLINE Floats below(const GridPlane& plane, const Floats (&at)[3]) {
 /// within a voxel: a face cuts matter, so there it is the surface.
 HWY_INLINE void turn_to_face(Floats below, Floats sign, const glm::vec4& outwards,
                              Floats (&normal)[3]) {
-  const Floats one = hn::Set(kFloats, 1.f);
-  const Floats share = hn::Max(hn::Zero(kFloats), hn::Min(one, one - below));
+  const Floats one = floats(1.f);
+  const Floats share = hn::Max(floats(0), hn::Min(one, one - below));
   for (int k = 0; k < 3; ++k)
-    normal[k] = hn::MulAdd(share * sign, hn::Set(kFloats, outwards[k]), normal[k] * (one - share));
+    normal[k] = hn::MulAdd(share * sign, floats(outwards[k]), normal[k] * (one - share));
 }
 HWY_INLINE void turn_to_clip(const RayGrid& grid, const Floats (&at)[3], Floats (&normal)[3]) {
   for (const GridPlane& plane : grid.clip)
-    turn_to_face(below(plane, at), hn::Set(kFloats, 1.f), plane.outwards, normal);
+    turn_to_face(below(plane, at), floats(1.f), plane.outwards, normal);
 }
 
 /// The part of normals towards the direct light, and their lengths squared, above 0.
 HWY_INLINE void measure(const RayGrid& grid, const Floats (&normal)[3], Floats& toward,
                         Floats& length2) {
-  toward = hn::Zero(kFloats);
-  length2 = hn::Set(kFloats, 1e-30f);
+  toward = floats(0);
+  length2 = floats(1e-30f);
   for (int axis = 0; axis < 3; ++axis) {
-    toward = hn::MulAdd(normal[axis], hn::Set(kFloats, grid.light[axis]), toward);
+    toward = hn::MulAdd(normal[axis], floats(grid.light[axis]), toward);
     length2 = hn::MulAdd(normal[axis], normal[axis], length2);
   }
 }
@@ -363,23 +357,21 @@ HWY_INLINE void measure(const RayGrid& grid, const Floats (&normal)[3], Floats& 
 /// normals change quickly below a surface.
 template <class S>
 HWY_INLINE void shade(const RayGrid& grid, Samples<S>& samples) {
-  const Floats one = hn::Set(kFloats, 1.f);
+  const Floats one = floats(1.f);
   for (std::size_t i = 0; i < samples.size; i += kLanes) {
     const Normals normals = normals_of(grid, samples, i);
     for (int k = 0; k < kPieces; ++k) {
-      Floats light = hn::Zero(kFloats);
+      Floats light = floats(0);
       for (int point = 0; point < kPoints; ++point) {
         const float offset = (2 * static_cast<float>(point) + 1) / kPoints - 1;
         const Floats place =
-            hn::MulAdd(hn::Set(kFloats, offset), hn::Load(kFloats, samples.reach[k] + i),
-                       hn::Load(kFloats, samples.place[k] + i));
+            hn::MulAdd(floats(offset), load(samples.reach[k] + i), load(samples.place[k] + i));
         Floats normal[3], toward, length2;
         normals(place, normal);
         measure(grid, normal, toward, length2);
         // Small gradients are unreliable: fade their shading out.
         Floats inverse = inverse_sqrt(length2);
-        Floats sure =
-            hn::Min(one, length2 * inverse * hn::Set(kFloats, grid.inverse_gradient_floor));
+        Floats sure = hn::Min(one, length2 * inverse * floats(grid.inverse_gradient_floor));
         if (!grid.clip.empty()) {
           const auto finite = hn::IsFinite(length2);
           for (Floats& n : normal) n = hn::IfThenElseZero(finite, n * (sure * inverse));
@@ -390,15 +382,15 @@ HWY_INLINE void shade(const RayGrid& grid, Samples<S>& samples) {
           inverse = inverse_sqrt(length2);
           sure = length2 * inverse;
         }
-        const Floats lambert = hn::Max(hn::Zero(kFloats), toward) * inverse;
-        const Floats dark = hn::Set(kFloats, 1 - grid.ambient) * (one - lambert);
+        const Floats lambert = hn::Max(floats(0), toward) * inverse;
+        const Floats dark = floats(1 - grid.ambient) * (one - lambert);
         Floats shown = hn::NegMulAdd(dark, sure, one);
         if constexpr (std::is_same_v<S, float>)  // the square of a large one is not finite
           shown = hn::IfThenElse(hn::IsFinite(length2), shown, one);
         light = light + shown;
       }
-      const Floats share = hn::Load(kFloats, samples.share[k] + i);
-      hn::Store(share * light * hn::Set(kFloats, 1.f / kPoints), kFloats, samples.share[k] + i);
+      const Floats share = load(samples.share[k] + i);
+      store(share * light * floats(1.f / kPoints), samples.share[k] + i);
     }
   }
 }

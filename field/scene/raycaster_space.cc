@@ -223,17 +223,14 @@ std::vector<CellRun> find_runs(const RayGrid& grid) {
   return runs;
 }
 
-void find_visible_box(const std::vector<CellRun>& runs, RayGrid& grid) {
+/// Sets the visible box. Returns the sphere around its centre up to the farthest visible cell.
+Sphere find_bounds(const std::vector<CellRun>& runs, const Volume& volume, RayGrid& grid) {
   grid.visible_low = runs.front().first;
   grid.visible_high = runs.front().last;
   for (const CellRun& run : runs) {
     grid.visible_low = glm::min(grid.visible_low, glm::dvec3(run.first));
     grid.visible_high = glm::max(grid.visible_high, glm::dvec3(run.last + 1));
   }
-}
-
-/// The sphere around the centre of the visible box up to the farthest visible cell.
-Sphere find_bounds(const std::vector<CellRun>& runs, const RayGrid& grid, const Volume& volume) {
   const auto world = [&](const glm::dvec3& index) { return volume.origin + volume.axes * index; };
   Sphere sphere{world((grid.visible_low + grid.visible_high) / 2.0), 0};
   for (const CellRun& run : runs)
@@ -258,9 +255,8 @@ std::optional<Sphere> find_visible_space(const Volume& volume, RayGrid& grid) {
     return find_runs(grid);
   });
   if (runs.empty()) return std::nullopt;
-  find_visible_box(runs, grid);
   spread_distance(grid.distance, grid.bricks);
-  return find_bounds(runs, grid, volume);
+  return find_bounds(runs, volume, grid);
 }
 
 }  // namespace slf

@@ -81,18 +81,14 @@ Result<LightGrid> shared_light(const LightGrid& lit, const VolumeScene& from,
     return std::clamp((opened - kOpened) / (kOpen - kOpened), 0.f, 1.f);
   };
   LightGrid light = lit, own = computer.blank();
-  const auto node = [&](LightGrid& of, std::size_t number) {
-    return of.nodes.data() + LightGrid::kNodeBytes * number;
-  };
   std::vector<std::size_t> open = computer.nodes();
   std::erase_if(open, [&](std::size_t number) { return share(number) == 0; });
   // Rays see nothing between nodes of which one is dark.
   open = computer.spread(std::move(open), 1);
   std::erase_if(
-      open, [&](std::size_t number) { return share(number) == 0 && !dark(node(light, number)); });
+      open, [&](std::size_t number) { return share(number) == 0 && !dark(light.node(number)); });
   SLF_TRY(computer.compute(own, open, progress));
-  for (const std::size_t number : open)
-    blend(node(light, number), node(own, number), share(number));
+  for (const std::size_t number : open) blend(light.node(number), own.node(number), share(number));
   return light;
 }
 

@@ -6,6 +6,8 @@
 #include <span>
 #include <string>
 
+#include "slf/volume.h"
+
 struct XXH3_state_s;
 
 namespace slf {
@@ -23,5 +25,9 @@ class ContentHash {
  private:
   std::unique_ptr<XXH3_state_s, void (*)(XXH3_state_s*)> state_;
 };
+
+/// The text() of the voxels, their geometry, scale and type. Equal volumes have equal hashes,
+/// whatever file they were read from.
+[[nodiscard]] std::string content_hash(const Volume& volume);
 
 }  // namespace slf

@@ -86,10 +86,8 @@ bool has_no_picture(const DicomLookup& file) {
   return sop_class == "1.2.840.10008.1.3.10";
 }
 
-struct Compression {
-  std::string_view syntax, name;
-};
-constexpr std::array<Compression, 9> kCompressions = {{
+/// The transfer syntaxes of compressions that are decoded, and their names.
+constexpr std::array<std::pair<std::string_view, std::string_view>, 9> kCompressions = {{
     {"1.2.840.10008.1.2.4.50", "JPEG baseline"},
     {"1.2.840.10008.1.2.4.51", "JPEG extended"},
     {"1.2.840.10008.1.2.4.57", "JPEG lossless"},
@@ -285,23 +283,19 @@ void read_moments(const DicomLookup& values, const std::vector<bool>& other_dime
       if (candidate) return *candidate;
     return -std::numeric_limits<double>::infinity();
   };
-  const auto set = [&](DicomMoment moment, std::initializer_list<std::optional<double>> from) {
-    slice.moments[static_cast<std::size_t>(moment)] = first(from);
-  };
-  set(DicomMoment::position_in_time,
-      {values.integer(kTemporalIndex), values.number(kTemporalPosition)});
-  set(DicomMoment::time_offset, {values.real(kTimeOffset)});
-  set(DicomMoment::echo_time, {values.real(kEffectiveEchoTime), values.number(kEchoTime)});
-  set(DicomMoment::b_value, {values.real(kBValue)});
-  set(DicomMoment::trigger_time, {values.real(kTriggerDelay), values.number(kTriggerTime)});
-  set(DicomMoment::reference_time, {values.number(kReferenceTime)});
-  set(DicomMoment::acquisition,
-      {values.integer(kFrameAcquisitionNumber), values.number(kAcquisitionNumber)});
-  set(DicomMoment::acquisition_time,
-      {values.number(kFrameAcquisitionTime), values.number(kAcquisitionTime),
-       values.number(kContentTime)});
-  set(DicomMoment::instance, {values.number(kInstanceNumber)});
-  set(DicomMoment::frame, {slice.frame});
+  slice.moments = {
+      // as in kDicomMoments
+      first({values.integer(kTemporalIndex), values.number(kTemporalPosition)}),
+      first({values.real(kTimeOffset)}),
+      first({values.real(kEffectiveEchoTime), values.number(kEchoTime)}),
+      first({values.real(kBValue)}),
+      first({values.real(kTriggerDelay), values.number(kTriggerTime)}),
+      first({values.number(kReferenceTime)}),
+      first({values.integer(kFrameAcquisitionNumber), values.number(kAcquisitionNumber)}),
+      first({values.number(kFrameAcquisitionTime), values.number(kAcquisitionTime),
+             values.number(kContentTime)}),
+      first({values.number(kInstanceNumber)}),
+      first({slice.frame})};
 }
 
 /// Places the frames of a file without functional groups: a dose, whose frames have offsets, or a
@@ -382,16 +376,6 @@ Result<std::vector<DicomSlice>> read_picture(const DicomFile& file, const DicomL
 
 }  // namespace
 
-std::string_view name(DicomMoment moment) {
-  constexpr std::array<std::string_view, std::size_t(DicomMoment::count)> kNames = {
-      "TemporalPosition",  "TemporalPositionTimeOffset",
-      "EchoTime",          "DiffusionBValue",
-      "TriggerTime",       "FrameReferenceTime",
-      "AcquisitionNumber", "AcquisitionTime",
-      "InstanceNumber",    "frame"};
-  return kNames[static_cast<std::size_t>(moment)];
-}
-
 std::uint64_t DicomSlice::bytes() const {
   const std::uint64_t pixels = std::uint64_t{width} * height;
   if (one_bit) return (pixels + 7) / 8;
@@ -416,9 +400,8 @@ std::string DicomSlice::label() const {
 }
 
 std::string name_of_compression(std::string_view syntax) {
-  for (const auto& known : kCompressions)
-    if (known.syntax == syntax)
-      return std::string(known.name) + " (transfer syntax " + std::string(syntax) + ")";
+  for (const auto& [known, name] : kCompressions)
+    if (known == syntax) return concat(name, " (transfer syntax ", syntax, ")");
   return {};
 }
 

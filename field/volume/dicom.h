@@ -38,32 +38,24 @@ struct DicomSegmentation {
 };
 
 /// What tells apart the slices at one place, in the order in which it does.
-enum class DicomMoment : std::uint8_t {
-  position_in_time,
-  time_offset,
-  echo_time,
-  b_value,
-  trigger_time,
-  reference_time,
-  acquisition,
-  acquisition_time,
-  instance,
-  frame,
-  count
-};
-/// "EchoTime".
-[[nodiscard]] std::string_view name(DicomMoment moment);
+inline constexpr std::array<std::string_view, 10> kDicomMoments = {
+    "TemporalPosition",  "TemporalPositionTimeOffset",
+    "EchoTime",          "DiffusionBValue",
+    "TriggerTime",       "FrameReferenceTime",
+    "AcquisitionNumber", "AcquisitionTime",
+    "InstanceNumber",    "frame"};
+inline constexpr std::size_t kInstanceMoment = 8;  // it and those behind it only number slices
 
 /// The position of a slice, and how its pixels are stored and scaled.
 struct DicomSlice {
   std::string path;
   std::uint32_t frame = 0, frames = 1;  ///< its frame, and how many the file has
 
-  std::string series, number, description, modality;  ///< number: text, may be empty
-  std::string instance;                               ///< SOPInstanceUID
-  std::string stack;                                  ///< StackID
-  std::vector<std::uint32_t> indices{};               ///< of dimensions other than space
-  std::array<double, std::size_t(DicomMoment::count)> moments{};
+  std::string series, number, description, modality;   ///< number: text, may be empty
+  std::string instance;                                ///< SOPInstanceUID
+  std::string stack;                                   ///< StackID
+  std::vector<std::uint32_t> indices{};                ///< of dimensions other than space
+  std::array<double, kDicomMoments.size()> moments{};  ///< minus infinity: not stated
 
   std::string syntax;           ///< transfer syntax UID
   bool compressed = false;      ///< needs GDCM
@@ -153,16 +145,20 @@ struct DicomPlaces {
 /// The place of a slice along its normal.
 [[nodiscard]] double height_of(const DicomSlice& slice);
 
-/// Evenly spaced planes, some of which have no slice: files of labels leave out empty ones.
+/// Evenly spaced planes, some of which may have no slice: files of labels leave out empty ones.
 struct PlaneGrid {
   std::size_t count = 0;
-  std::vector<std::size_t> plane{};  ///< of each slice
-  glm::dvec3 origin{0.0}, step{0.0};
+  std::vector<std::size_t> plane{};   ///< of each slice
+  glm::dvec3 origin{0.0}, step{0.0};  ///< oblique, with a tilted gantry
+  bool uneven = false;  ///< the slices are not: `step` is the smallest distance of two
 };
 /// The planes at the stated distance or, if slices lie between these, at the smallest one found.
 /// bad_file: slices lie at other places. REQUIRES: at least one slice.
 [[nodiscard]] Result<PlaneGrid> grid_of_planes(const std::vector<DicomSlice>& slices,
                                                const std::string& source);
+/// Sets the volume's dims, axes and origin. `first`: one of the slices. Errors as check_dims() and
+/// check_axes().
+[[nodiscard]] Result<void> place_in(const PlaneGrid& grid, const DicomSlice& first, Volume& volume);
 
 /// Calls `visit` with the index and the pixels of each slice, ordered by file: width × height
 /// pixels of components() × component_type(), in native byte order, before slope and intercept.

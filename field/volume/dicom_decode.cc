@@ -109,7 +109,7 @@ Result<std::unique_ptr<DicomDecoder>> DicomDecoder::start(const std::vector<Dico
           file.file_bytes(),
           " bytes, expected at most 2^30: decompress it first, `gdcmconv --raw IN OUT`");
   static const Result<GdcmDecode*> loaded = load_gdcm();
-  if (!loaded) return fail(loaded.error().code, files.front().path, ": ", loaded.error().message);
+  if (!loaded) return fail_in(loaded.error(), files.front().path, ": ");
   GdcmDecode* const gdcm = *loaded;
   std::array<int, 2> ends{};
   if (::pipe2(ends.data(), O_CLOEXEC) != 0)

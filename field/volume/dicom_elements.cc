@@ -28,7 +28,7 @@ constexpr std::size_t kPreamble = 132;
 constexpr int kMaxNesting = 32;
 
 /// The sequences whose items are kept. Implicit files do not say which elements are sequences.
-constexpr std::array<DicomTag, 20> kSequences = {
+constexpr std::array<DicomTag, 21> kSequences = {
     0x00189076,  // DiffusionGradientDirectionSequence
     0x00189114,  // MREchoSequence
     0x00189117,  // MRDiffusionSequence
@@ -48,13 +48,11 @@ constexpr std::array<DicomTag, 20> kSequences = {
     0x00540022,  // DetectorInformationSequence
     0x00620002,  // SegmentSequence
     0x0062000a,  // SegmentIdentificationSequence
+    0x52009229,  // SharedFunctionalGroupsSequence
     0x52009230,  // PerFrameFunctionalGroupsSequence
 };
 
-bool is_kept_sequence(DicomTag tag) {
-  constexpr DicomTag kSharedGroups = 0x52009229;
-  return tag == kSharedGroups || std::ranges::binary_search(kSequences, tag);
-}
+bool is_kept_sequence(DicomTag tag) { return std::ranges::binary_search(kSequences, tag); }
 
 bool is_one_of(std::string_view representation, std::string_view list) {
   return representation.size() == 2 && representation.find(' ') == std::string_view::npos &&

@@ -16,24 +16,17 @@ namespace {
 
 using Place = std::vector<DicomSlice>;
 
-double moment_of(const DicomSlice& slice, DicomMoment moment) {
-  return slice.moments[static_cast<std::size_t>(moment)];
-}
-
 /// The order of slices at one place: by what the file says of time, else by number.
 bool is_earlier(const DicomSlice& a, const DicomSlice& b) {
   return std::tie(a.indices, a.moments) < std::tie(b.indices, b.moments);
 }
 
-bool have_same_bytes(const DicomSlice& a, const DicomSlice& b) {
-  const auto first = read_dicom_bytes(a.path), second = read_dicom_bytes(b.path);
-  return first && second && first->bytes == second->bytes;
-}
-
 /// Whether `b` is a file that was copied under another name.
 bool is_copy(const DicomSlice& a, const DicomSlice& b) {
-  return !a.instance.empty() && a.instance == b.instance && a.frame == b.frame &&
-         a.path != b.path && have_same_bytes(a, b);
+  if (a.instance.empty() || a.instance != b.instance || a.frame != b.frame || a.path == b.path)
+    return false;
+  const auto first = read_dicom_bytes(a.path), second = read_dicom_bytes(b.path);
+  return first && second && first->bytes == second->bytes;
 }
 
 void leave_out_copies(std::vector<Place>& places, std::vector<std::string>& notes) {
@@ -84,20 +77,19 @@ Result<void> check_counts(const std::vector<Place>& places) {
 /// What tells the times apart, as "EchoTime 4.9"; none if only the order of files does.
 std::vector<std::string> names_of_times(const std::vector<Place>& places) {
   const auto& first = places.front();
-  for (std::size_t m = 0; m < static_cast<std::size_t>(DicomMoment::instance); ++m) {
-    const auto moment = static_cast<DicomMoment>(m);
+  for (std::size_t m = 0; m < kInstanceMoment; ++m) {
     std::set<double> values;
     bool constant = true;
     for (std::size_t t = 0; t < first.size(); ++t) {
-      values.insert(moment_of(first[t], moment));
+      values.insert(first[t].moments[m]);
       for (const auto& place : places)
-        constant = constant && moment_of(place[t], moment) == moment_of(first[t], moment);
+        constant = constant && place[t].moments[m] == first[t].moments[m];
     }
     if (!constant || values.size() < 2) continue;
     std::vector<std::string> names;
     for (const auto& slice : first) {
-      const double value = moment_of(slice, moment);
-      names.push_back(std::isfinite(value) ? concat(name(moment), " ", value) : "");
+      const double value = slice.moments[m];
+      names.push_back(std::isfinite(value) ? concat(kDicomMoments[m], " ", value) : "");
     }
     return names;
   }
@@ -109,8 +101,8 @@ Result<void> place_by_number(std::vector<DicomSlice>& slices,
                              const std::optional<glm::dvec3>& spacing,
                              std::vector<std::string>& notes) {
   std::ranges::stable_sort(slices, [](const DicomSlice& a, const DicomSlice& b) {
-    return std::pair(moment_of(a, DicomMoment::instance), a.frame) <
-           std::pair(moment_of(b, DicomMoment::instance), b.frame);
+    return std::pair(a.moments[kInstanceMoment], a.frame) <
+           std::pair(b.moments[kInstanceMoment], b.frame);
   });
   const glm::dvec3 normal = glm::cross(slices[0].row, slices[0].column);
   std::set<double> locations;

@@ -123,7 +123,8 @@ Result<void> read_segments(const DicomFile& file, const DicomLookup& values, Dic
 
 Result<Volume> read_segmentation(const std::string& source, const DicomStack& stack,
                                  const VolumeOptions& options) {
-  SLF_TRY(expect_one_number(source, options));
+  SLF_TRY(choose(source, options.component, 1, "component"));
+  SLF_TRY(choose(source, options.time, 1, "time point"));
   const auto& slices = stack.slices;
   for (const auto& slice : slices) {
     if (slice.problem) return tl::unexpected(*slice.problem);
@@ -136,17 +137,10 @@ Result<Volume> read_segmentation(const std::string& source, const DicomStack& st
                          " pixels for segment ", slice.segment,
                          ", expected 1 or 8 bits for one of the segments 1 to 65535");
   }
-  Volume volume;
-  volume.source = source;
-  volume.files = {slices.front().path};
-  volume.notes = stack.notes;
+  Volume volume{.source = source, .files = {slices.front().path}, .notes = stack.notes};
   const auto grid = SLF_TRY(grid_of_planes(slices, source));
   const DicomSlice& first = slices.front();
-  volume.dims = SLF_TRY(
-      check_dims(source, std::array<std::uint64_t, 3>{first.width, first.height, grid.count}));
-  volume.axes = {first.row * first.spacing.x, first.column * first.spacing.y, grid.step};
-  volume.origin = grid.origin;
-  SLF_TRY(check_axes(volume));
+  SLF_TRY(place_in(grid, first, volume));
 
   std::optional<Labels> labels;  // memory only once a file has yielded its pixels
   SLF_TRY(for_each_frame(slices,

@@ -204,8 +204,7 @@ bool is_wanted(const DicomStack& stack, const std::string& wanted) {
 /// none if files state none, or one twice, as those of several times do.
 std::optional<double> missing_number(const DicomStack& stack) {
   std::set<double> numbers;
-  for (const auto& slice : stack.slices)
-    numbers.insert(slice.moments[static_cast<std::size_t>(DicomMoment::instance)]);
+  for (const auto& slice : stack.slices) numbers.insert(slice.moments[kInstanceMoment]);
   if (numbers.size() < stack.slices.size() || !std::isfinite(*numbers.begin())) return {};
   double next = *numbers.begin();
   for (const double number : numbers)

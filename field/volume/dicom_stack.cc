@@ -39,16 +39,15 @@ std::string missing_slices(const std::vector<DicomSlice>& slices, const std::vec
                 holes > 3 ? ", …" : "");
 }
 
-struct Step {
-  glm::dvec3 to_next{0.0};  ///< from slice to slice; with a tilted gantry it is oblique
-  bool resample = false;    ///< the slices are uneven: this is the smallest distance of two
-};
-
-/// The slices' places must be on a line, at even distances unless they are to be resampled.
-Result<Step> step_of(const std::vector<DicomSlice>& slices, const VolumeOptions& options,
-                     Volume& volume) {
+/// A plane for each slice. Their places must be on a line, at even distances unless they are to be
+/// resampled.
+Result<PlaneGrid> plane_of_each(const std::vector<DicomSlice>& slices, const VolumeOptions& options,
+                                Volume& volume) {
   const auto& first = slices.front();
   const auto& last = slices.back();
+  PlaneGrid grid{.count = slices.size(), .origin = first.position};
+  for (std::size_t i = 0; i < slices.size(); ++i) grid.plane.push_back(i);
+  if (slices.size() == 1) return grid;
   const double range = height_of(last) - height_of(first);
   const glm::dvec3 along = (last.position - first.position) / range;
   std::vector<double> gaps;
@@ -64,14 +63,15 @@ Result<Step> step_of(const std::vector<DicomSlice>& slices, const VolumeOptions&
   const double mean = range / static_cast<double>(gaps.size());
   const auto [least, most] = std::ranges::minmax_element(gaps);
   const bool even = *most - mean <= kUneven * mean && mean - *least <= kUneven * mean;
-  if (even) return Step{along * mean};
-  if (options.resample) return Step{along * *least, true};
+  grid.step = along * (!even && options.resample ? *least : mean);
+  grid.uneven = !even && options.resample;
+  if (even || grid.uneven) return grid;
   const std::string smallest = describe_gap(slices, static_cast<std::size_t>(least - gaps.begin()));
   const std::string largest = describe_gap(slices, static_cast<std::size_t>(most - gaps.begin()));
   if (options.spacing) {
     volume.notes.push_back("slices are not evenly spaced (" + smallest + ", " + largest +
                            "), but taken as such, at the spacing that was given");
-    return Step{along * mean};
+    return grid;
   }
   const std::string missing = missing_slices(slices, gaps, *least);
   return fail_without("resample", ErrorCode::bad_file, volume.source,
@@ -207,15 +207,20 @@ Result<PlaneGrid> grid_of_planes(const std::vector<DicomSlice>& slices, const st
   return grid;
 }
 
+Result<void> place_in(const PlaneGrid& grid, const DicomSlice& first, Volume& volume) {
+  volume.dims = SLF_TRY(check_dims(volume.source, {first.width, first.height, grid.count}));
+  volume.axes = {first.row * first.spacing.x, first.column * first.spacing.y, grid.step};
+  volume.origin = grid.origin;
+  return check_axes(volume);
+}
+
 Result<Volume> read_dicom_stack(const std::string& source, const DicomStack& stack,
                                 const VolumeOptions& options) {
   const auto& segmentation = stack.slices.front().segmentation;
   if (segmentation && segmentation->kind != DicomSegmentation::Kind::label_map)
     return read_segmentation(source, stack, options);
   auto sorted = SLF_TRY(sort_by_place(stack, options.spacing));
-  Volume volume;
-  volume.source = source;
-  volume.notes = sorted.notes;
+  Volume volume{.source = source, .notes = sorted.notes};
   for (const auto& slice : stack.slices)
     if (!slice.problem && (volume.files.empty() || volume.files.back() != slice.path))
       volume.files.push_back(slice.path);
@@ -229,30 +234,10 @@ Result<Volume> read_dicom_stack(const std::string& source, const DicomStack& sta
   const DicomSlice& first = slices.front();
 
   // Files of labels may leave out empty planes.
-  std::vector<std::size_t> planes(slices.size());
-  std::size_t count = slices.size();
   const bool sparse = segmentation || (options.labels && first.stated_gap > 0);
-  if (sparse) {
-    auto grid = SLF_TRY(grid_of_planes(slices, source));
-    planes = grid.plane;
-    count = grid.count;
-    volume.axes[2] = grid.step;
-    volume.origin = grid.origin;
-  } else {
-    for (std::size_t i = 0; i < planes.size(); ++i) planes[i] = i;
-    volume.origin = first.position;
-  }
-  volume.dims =
-      SLF_TRY(check_dims(source, std::array<std::uint64_t, 3>{first.width, first.height, count}));
-  bool uneven = false;
-  if (!sparse) {
-    const auto step = SLF_TRY(step_of(slices, options, volume));
-    volume.axes[2] = step.to_next;
-    uneven = step.resample;
-  }
-  volume.axes[0] = first.row * first.spacing.x;
-  volume.axes[1] = first.column * first.spacing.y;
-  SLF_TRY(check_axes(volume));
+  const auto grid =
+      SLF_TRY(sparse ? grid_of_planes(slices, source) : plane_of_each(slices, options, volume));
+  SLF_TRY(place_in(grid, first, volume));
   volume.unit = "mm";
 
   const bool uniform = std::ranges::all_of(slices, [&](const DicomSlice& s) {
@@ -271,8 +256,8 @@ Result<Volume> read_dicom_stack(const std::string& source, const DicomStack& sta
     volume.labels = true;
     volume.label_styles = segmentation->segments;
   }
-  SLF_TRY(fill(slices, planes, options, volume));
-  if (uneven) SLF_TRY(resample(slices, options.labels, volume));
+  SLF_TRY(fill(slices, grid.plane, options, volume));
+  if (grid.uneven) SLF_TRY(resample(slices, options.labels, volume));
   return volume;
 }
 

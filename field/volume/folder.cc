@@ -42,27 +42,16 @@ bool natural_less(const std::string& a, const std::string& b) {
 struct PictureFormat {
   const char* plural;
   bool (*looks_like)(std::string_view head);
-  /// Appends the slices of a file and returns their number.
-  Result<std::uint64_t> (*append)(const std::string& path, const VolumeOptions& options,
-                                  std::optional<SliceKind>& kind, std::vector<std::byte>& voxels);
+  SliceReader* append;
 };
 
-template <auto append_one>
-Result<std::uint64_t> one_slice(const std::string& path, const VolumeOptions& options,
-                                std::optional<SliceKind>& kind, std::vector<std::byte>& voxels) {
-  SLF_TRY(append_one(path, options, kind, voxels));
-  return 1;
-}
-
-constexpr std::array<PictureFormat, 3> kFormats = {
-    {{"PNGs", looks_like_png, one_slice<append_png>},
-     {"JPEGs", looks_like_jpeg, one_slice<append_jpeg>},
-     {"TIFFs", looks_like_tiff, append_tiff}}};
+constexpr std::array<PictureFormat, 3> kFormats = {{{"PNGs", looks_like_png, append_png},
+                                                    {"JPEGs", looks_like_jpeg, append_jpeg},
+                                                    {"TIFFs", looks_like_tiff, append_tiff}}};
 
 Result<Volume> stack(const std::string& path, std::vector<std::string> files,
                      const PictureFormat& format, const VolumeOptions& options) {
-  Volume volume;
-  volume.source = path;
+  Volume volume{.source = path};
   SLF_TRY(check_numbering(path, files, volume.notes));
   const bool may_have_times = format.append == append_tiff;
   SLF_TRY(choose(path, may_have_times ? std::nullopt : options.time, 1, "time point"));
@@ -96,8 +85,7 @@ Result<Volume> stack(const std::string& path, std::vector<std::string> files,
         concat("left out ", left_out, " of ", files.size(), " pictures: ", broken->message));
   volume.type = kind->type;
   volume.files = std::move(used);
-  volume.dims =
-      SLF_TRY(check_dims(path, std::array<std::uint64_t, 3>{kind->width, kind->height, slices}));
+  volume.dims = SLF_TRY(check_dims(path, {kind->width, kind->height, slices}));
   if (!options.spacing)
     volume.notes.emplace_back("pictures state no spacing: voxels are taken as 1x1x1");
   return volume;
@@ -200,8 +188,7 @@ Result<Volume> read_folder(const std::string& path, const VolumeOptions& options
   std::size_t all = 0, format = 0;
   for (std::size_t i = 0; i < kFormats.size(); ++i) {
     if (files[i].empty()) continue;
-    found.append(all > 0 ? " and " : "").append(std::to_string(files[i].size()));
-    found.append(" ").append(kFormats[i].plural);
+    found += concat(all > 0 ? " and " : "", files[i].size(), " ", kFormats[i].plural);
     all += files[i].size();
     if (files[i].size() > files[format].size()) format = i;
   }

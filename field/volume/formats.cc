@@ -57,6 +57,8 @@ struct Known {
 };
 
 constexpr auto kOneArray = "save its array as .npy (numpy.save)"sv;
+constexpr auto kGrid = "copy its grid to an array, and save that as .npy (numpy.save)"sv;
+constexpr auto kPvm = "convert it to raw voxels, `pvm2raw IN OUT`"sv;
 constexpr auto kAsOmeTiff = "convert it, `bfconvert IN OUT.ome.tiff` (Bio-Formats)"sv;
 constexpr auto kOnePicture =
     "a volume is a stack of pictures: give the folder that holds them all, as PNG, JPEG or TIFF"sv;
@@ -86,15 +88,13 @@ constexpr Magic kMagics[] = {
     {0, "ENVI\n", "an ENVI header", kOneArray},
     {0, "# AmiraMesh", "an Amira file", "save it as NRRD or TIFF in Amira or Avizo"},
     {0, "# Avizo", "an Avizo file", "save it as NRRD or TIFF in Amira or Avizo"},
-    {0, "PVM\n", "a PVM volume", "convert it to raw voxels, `pvm2raw IN OUT`"},
-    {0, "PVM2\n", "a PVM volume", "convert it to raw voxels, `pvm2raw IN OUT`"},
-    {0, "PVM3\n", "a PVM volume", "convert it to raw voxels, `pvm2raw IN OUT`"},
-    {0, "DDS v3", "a packed PVM volume", "convert it to raw voxels, `pvm2raw IN OUT`"},
+    {0, "PVM\n", "a PVM volume", kPvm},
+    {0, "PVM2\n", "a PVM volume", kPvm},
+    {0, "PVM3\n", "a PVM volume", kPvm},
+    {0, "DDS v3", "a packed PVM volume", kPvm},
     {0, "ncaa\n", "a VFF volume", kOneArray},
-    {0, " BDV\0\0\0\0"sv, "an OpenVDB file",
-     "copy its grid to an array, and save that as .npy (numpy.save)"},
-    {0, "NanoVDB", "a NanoVDB file",
-     "copy its grid to an array, and save that as .npy (numpy.save)"},
+    {0, " BDV\0\0\0\0"sv, "an OpenVDB file", kGrid},
+    {0, "NanoVDB", "a NanoVDB file", kGrid},
     {0, "ZISRAWFILE", "a Zeiss CZI file", kAsOmeTiff},
     {0, "\xda\xce\xbe\x0a", "a Nikon ND2 file", kAsOmeTiff},
     {0, "\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1",
@@ -131,6 +131,24 @@ constexpr Magic kMagics[] = {
     {0, "/annex/objects/", "a pointer of git-annex", "fetch the file itself, `git annex get IN`"},
 };
 
+/// By their beginning in small letters, without blanks, by what it holds, and by the file's name.
+struct Text {
+  std::string_view begins, holds, ending;
+  Known known;
+};
+constexpr auto kPage =
+    "the download brought a page instead of the file; download it again, in a browser"sv;
+constexpr auto kCameras = "name it pictures:IN, for the pictures that it lists"sv;
+constexpr Text kTexts[] = {
+    {"<!doctype html", "", "", {"a web page", kPage}},
+    {"<html", "", "", {"a web page", kPage}},
+    {"type", "-attribute", "", {"an AFNI header", "convert it to NIfTI, `3dAFNItoNIFTI IN`"}},
+    {"<", "<gifti", "", {"a GIFTI surface", kMesh}},
+    {"<", "<mrml", "", {"a scene of 3D Slicer", "save the volume in it, as NRRD"}},
+    {"{", "\"asset\"", ".gltf", {"a glTF scene", kMesh}},
+    {"{", "\"frames\"", "", {"a file of cameras", kCameras}},
+    {"<?xml", "", "", {"an XML document of an unknown kind", "give the volume itself"}}};
+
 bool has_ending(const std::string& file, std::initializer_list<std::string_view> endings) {
   return std::ranges::any_of(endings, [&](auto ending) { return file.ends_with(ending); });
 }
@@ -164,22 +182,10 @@ std::optional<Known> known_by_structure(const std::string& file, std::string_vie
     return Known{"a BMP picture", kOnePicture};
   const std::string start = lower_case(head.substr(0, 4096));
   const std::string_view text = trim(start);
-  const auto holds = [&](std::string_view part) { return start.find(part) != std::string::npos; };
-  if (text.starts_with("<!doctype html") || text.starts_with("<html"))
-    return Known{
-        "a web page",
-        "the download brought a page instead of the file; download it again, in a browser"};
-  if (text.starts_with("type") && holds("-attribute"))
-    return Known{"an AFNI header", "convert it to NIfTI, `3dAFNItoNIFTI IN`"};
-  if (text.starts_with("<") && holds("<gifti")) return Known{"a GIFTI surface", kMesh};
-  if (text.starts_with("<") && holds("<mrml"))
-    return Known{"a scene of 3D Slicer", "save the volume in it, as NRRD"};
-  if (text.starts_with("{") && holds("\"asset\"") && file.ends_with(".gltf"))
-    return Known{"a glTF scene", kMesh};
-  if (text.starts_with("{") && holds("\"frames\""))
-    return Known{"a file of cameras", "name it pictures:IN, for the pictures that it lists"};
-  if (text.starts_with("<?xml"))
-    return Known{"an XML document of an unknown kind", "give the volume itself"};
+  for (const auto& [begins, holds, ending, known] : kTexts)
+    if (text.starts_with(begins) && text.find(holds) != std::string_view::npos &&
+        file.ends_with(ending))
+      return known;
   return std::nullopt;
 }
 

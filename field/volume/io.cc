@@ -107,7 +107,7 @@ void widen_half_floats(Volume& volume) {
 }
 
 Result<std::array<std::uint32_t, 3>> check_dims(const std::string& source,
-                                                std::span<const std::uint64_t> sizes) {
+                                                const std::vector<std::uint64_t>& sizes) {
   if (sizes.size() < 3)
     return unsupported(source, "a picture of ", sizes.size(),
                        " dimensions, expected a volume of 3: give the file of the whole stack");
@@ -141,34 +141,28 @@ Result<std::uint32_t> choose(const std::string& source, const std::optional<std:
   return chosen.value_or(0);
 }
 
-Result<void> expect_one_number(const std::string& source, const VolumeOptions& options) {
-  for (const auto& [chosen, what] :
-       {std::pair{options.component, "component"}, std::pair{options.time, "time point"}})
-    SLF_TRY(choose(source, chosen, 1, what));
-  return {};
-}
-
-Result<ChosenVolume> choose_volume(const std::string& source, std::vector<std::uint64_t> sizes,
-                                   const VolumeOptions& options) {
+Result<VoxelData> choose_volume(std::vector<std::uint64_t> sizes, std::uint32_t components,
+                                const VolumeOptions& options, Volume& volume) {
+  const std::string& source = volume.source;
   while (sizes.size() > 3 && sizes.back() == 1) sizes.pop_back();
   if (sizes.size() > 5)
     return unsupported(
         source, "dims ", joined(sizes, "x"),
         ", expected 3, then time, then components: extract one volume into a file of its own");
   const std::uint64_t times = sizes.size() > 3 ? sizes[3] : 1;
-  const std::uint64_t components = sizes.size() > 4 ? sizes[4] : 1;
-  std::uint64_t count = 0;
-  if (__builtin_mul_overflow(times, components, &count))
-    return bad_file(source, "absurd dims: ", times, " time points of ", components, " components");
-  const auto dims =
-      SLF_TRY(check_dims(source, std::span(sizes).first(std::min<std::size_t>(sizes.size(), 3))));
-  const auto time = SLF_TRY(choose(source, options.time, times, "time point"));
-  std::uint64_t index = 0;
-  if (components > 1) {
-    const auto component = SLF_TRY(choose(source, options.component, components, "component"));
-    index = component * times;
+  const std::uint64_t outer = sizes.size() > 4 ? sizes[4] : 1;
+  VoxelData data{.files = {source}, .components = components};
+  if (__builtin_mul_overflow(times, outer, &data.volumes))
+    return bad_file(source, "absurd dims: ", times, " time points of ", outer, " components");
+  volume.dims = SLF_TRY(check_dims(source, sizes));
+  data.index = SLF_TRY(choose(source, options.time, times, "time point"));
+  if (outer > 1) {
+    const auto component = SLF_TRY(choose(source, options.component, outer, "component"));
+    data.index += component * times;
   }
-  return ChosenVolume{dims, index + time, count, components > 1};
+  if (components > 1 || outer == 1)
+    data.component = SLF_TRY(choose(source, options.component, components, "component"));
+  return data;
 }
 
 Result<void> check_axes(const Volume& volume) {

@@ -26,11 +26,13 @@ namespace slf::volume_io {
 
 /// The location of a volume's voxels in a file, or in several.
 struct VoxelData {
-  std::string path;
-  std::uint64_t offset = 0;  ///< first byte in the file, of the voxels or of their packed stream
+  /// At least one. Several hold the volumes in parts of equal size, each at `offset` and `skip` of
+  /// its own. REQUIRES where there are several: `volumes` is known.
+  std::vector<std::string> files{};
+  std::uint64_t offset = 0;  ///< bytes of the file before the voxels, or before the packed stream
   bool packed = false;
   Packing packing = Packing::none;  ///< of packed data; none: as their first bytes say, or zlib
-  std::uint64_t skip = 0;           ///< bytes before the voxels, counted once unpacked
+  std::uint64_t skip = 0;           ///< further bytes before the voxels: of the stream, unpacked
   bool at_end = false;              ///< not at `offset`: the voxels are the last bytes, not packed
   bool big_endian = false;
   /// The number of components of a voxel, and the one to read.
@@ -41,9 +43,6 @@ struct VoxelData {
   /// The number of volumes that are stored one after another, 0 where it is unknown, and the one to
   /// read.
   std::uint64_t volumes = 0, index = 0;
-  /// The files that hold the volumes in parts of equal size, each at `offset` and `skip` of its
-  /// own. Empty: all is in `path`. REQUIRES where there are several: `volumes` is known.
-  std::vector<std::string> parts{};
 };
 
 /// Reads a file from an offset on, forward only, and unpacks it.
@@ -82,8 +81,8 @@ class ByteReader {
 
 /// Exactly three extents of at least 2 whose product is a size the machine can count.
 /// bad_file: zero or absurd. unsupported: one slice.
-[[nodiscard]] Result<std::array<std::uint32_t, 3>> check_dims(const std::string& source,
-                                                              std::span<const std::uint64_t> sizes);
+[[nodiscard]] Result<std::array<std::uint32_t, 3>> check_dims(
+    const std::string& source, const std::vector<std::uint64_t>& sizes);
 
 /// The chosen index among `count`; 0 if there is only one and none is chosen.
 /// unsupported: several, and none chosen. usage: beyond the end. `what`: "component", "time point".
@@ -91,23 +90,13 @@ class ByteReader {
                                            const std::optional<std::uint32_t>& chosen,
                                            std::uint64_t count, std::string_view what);
 
-/// usage: a component or time was chosen, for a format that has one.
-[[nodiscard]] Result<void> expect_one_number(const std::string& source,
-                                             const VolumeOptions& options);
-
-/// Three extents, and the index of the chosen volume if several of this size follow each other.
-struct ChosenVolume {
-  std::array<std::uint32_t, 3> dims{};
-  std::uint64_t index = 0;
-  std::uint64_t count = 1;    ///< of the volumes
-  bool by_component = false;  ///< components are volumes of their own: the index chooses one
-};
-
-/// Checks the first three extents with check_dims(). A fourth is time and a fifth components, from
-/// which the options choose. Further ones must be 1.
-[[nodiscard]] Result<ChosenVolume> choose_volume(const std::string& source,
-                                                 std::vector<std::uint64_t> sizes,
-                                                 const VolumeOptions& options);
+/// Sets the volume's dims to the first three extents, checked by check_dims(). A fourth is time and
+/// a fifth components that are volumes of their own; further ones must be 1. The result has what
+/// the options choose of these and of `components`, which are side by side. REQUIRES: the volume
+/// has its source.
+[[nodiscard]] Result<VoxelData> choose_volume(std::vector<std::uint64_t> sizes,
+                                              std::uint32_t components,
+                                              const VolumeOptions& options, Volume& volume);
 
 /// bad_file: axes or origin that are not finite, or axes that do not span space.
 [[nodiscard]] Result<void> check_axes(const Volume& volume);
@@ -148,6 +137,7 @@ void widen_half_floats(Volume& volume);
 // Header text.
 using slf::trim;
 [[nodiscard]] std::vector<std::string_view> words(std::string_view text);
+/// A number may begin with a plus sign or a point. Beyond the range of double it is 0 or infinite.
 [[nodiscard]] std::optional<double> parse_number(std::string_view text);
 [[nodiscard]] std::optional<std::int64_t> parse_integer(std::string_view text);
 /// Appends a number that is text as a value of this type, in native byte order. False, and nothing

@@ -7,8 +7,8 @@ namespace slf::volume_io {
 
 bool looks_like_jpeg(std::string_view head) { return head.starts_with("\xff\xd8\xff"); }
 
-Result<void> append_jpeg(const std::string& path, const VolumeOptions& options,
-                         std::optional<SliceKind>& kind, std::vector<std::byte>& voxels) {
+Result<std::uint64_t> append_jpeg(const std::string& path, const VolumeOptions& options,
+                                  std::optional<SliceKind>& kind, std::vector<std::byte>& voxels) {
   const auto size = SLF_TRY(file_size(path));
   auto file = SLF_TRY(ByteReader::open(path, 0, false));
   std::vector<std::byte> bytes(size);
@@ -19,7 +19,8 @@ Result<void> append_jpeg(const std::string& path, const VolumeOptions& options,
       .width = picture.width, .height = picture.height, .components = picture.channels};
   SLF_TRY(same_kind(path, here, kind));
   const auto selector = SLF_TRY(ComponentSelector::make(path, here, options));
-  return selector.append(std::as_bytes(std::span(picture.samples)), voxels);
+  SLF_TRY(selector.append(std::as_bytes(std::span(picture.samples)), voxels));
+  return 1;
 }
 
 }  // namespace slf::volume_io

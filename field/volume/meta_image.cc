@@ -1,7 +1,6 @@
 // MetaImage (.mha, or .mhd with its data file), https://itk.org/Wiki/MetaIO/Documentation.
 //
-// Not read through ITK, for the reason given in nrrd.cc. World coordinates are LPS, as in ITK. As
-// in ITK, AnatomicalOrientation does not transform them.
+// World coordinates are LPS, as in ITK. As in ITK, AnatomicalOrientation does not transform them.
 #include <algorithm>
 #include <cmath>
 #include <map>
@@ -111,7 +110,7 @@ Result<void> read_scale(const TextHeader& header, Volume& volume) {
   return {};
 }
 
-/// The paths of several data files, in order: a list, or a pattern with numbers. Empty: one file.
+/// The paths of several data files, in order: a list, or a pattern with numbers; or one file.
 Result<std::vector<std::string>> data_files(const TextHeader& header,
                                             const std::vector<std::uint64_t>& sizes) {
   const std::string& path = header.path;
@@ -120,7 +119,8 @@ Result<std::vector<std::string>> data_files(const TextHeader& header,
   // As in MetaIO: `LIST [DIMENSIONS OF A FILE]`, or `PATTERN [FIRST [LAST [STEP]]]`.
   std::vector<std::int64_t> given;
   const bool list = text.starts_with("LIST");
-  if (!list && text.find('%') == std::string::npos) return std::vector<std::string>{};
+  if (!list && text.find('%') == std::string::npos)
+    return std::vector{lower_case(text) == "local" ? path : beside(path, text)};
   for (std::size_t i = 1; i < parts.size(); ++i) {
     auto word = parts[i];
     if (list && (word.ends_with('D') || word.ends_with('d'))) word.remove_suffix(1);
@@ -157,27 +157,25 @@ Result<std::vector<std::string>> data_files(const TextHeader& header,
   return files;
 }
 
-Result<VoxelData> locate(const TextHeader& header, const std::vector<std::uint64_t>& sizes) {
+/// Sets where the voxels are.
+Result<void> locate(const TextHeader& header, const std::vector<std::uint64_t>& sizes,
+                    VoxelData& data) {
   const std::string& path = header.path;
   const auto binary = SLF_TRY(flag(header, "BinaryData", true));
   if (!binary)
     return unsupported(path, "voxels as text (BinaryData = False): save the volume as binary");
-  VoxelData data{.path = path, .offset = header.bytes};
   data.packed = SLF_TRY(flag(header, "CompressedData", false));
   data.big_endian = SLF_TRY(flag(header, "BinaryDataByteOrderMSB", false));
-  const std::string& file = *header.find("ElementDataFile");
-  data.parts = SLF_TRY(data_files(header, sizes));
-  if (!data.parts.empty() || lower_case(file) != "local") {
-    data.path = data.parts.empty() ? beside(path, file) : data.parts.front();
-    data.offset = 0;
-  }
-  SLF_TRY(header.check_data_file(data.path));
+  data.files = SLF_TRY(data_files(header, sizes));
+  const bool local = lower_case(*header.find("ElementDataFile")) == "local";
+  data.offset = local ? header.bytes : 0;
+  SLF_TRY(header.check_data_file(data.files.front()));
   const auto skip = SLF_TRY(header.integer("HeaderSize", -1, kMaxSkip, 0));
-  if (header.find("HeaderSize") && data.path != path) {
+  if (header.find("HeaderSize") && !local) {
     data.at_end = skip < 0 && !data.packed;
     data.offset = static_cast<std::uint64_t>(std::max<std::int64_t>(skip, 0));
   }
-  return data;
+  return {};
 }
 
 }  // namespace
@@ -206,23 +204,15 @@ bool meta_names_files(std::string_view head) {
 Result<Volume> read_meta(const std::string& path, std::string_view head,
                          const VolumeOptions& options) {
   const auto header = SLF_TRY(parse_meta_lines(path, head));
-  Volume volume;
-  volume.source = path;
+  Volume volume{.source = path};
   const auto channels = SLF_TRY(header.integer("ElementNumberOfChannels", 1, 4096, 1));
   volume.type = SLF_TRY(scalar_type(header));
   const auto rank = SLF_TRY(header.integer("NDims", 1, 10));
   const auto sizes = SLF_TRY(header.sizes("DimSize", static_cast<std::size_t>(rank)));
-  const auto chosen = SLF_TRY(choose_volume(path, sizes, options));
-  volume.dims = chosen.dims;
+  auto data = SLF_TRY(choose_volume(sizes, static_cast<std::uint32_t>(channels), options, volume));
   SLF_TRY(set_position(header, sizes.size(), options, volume));
   SLF_TRY(read_scale(header, volume));
-  auto data = SLF_TRY(locate(header, sizes));
-  data.components = static_cast<std::uint32_t>(channels);
-  if (channels > 1 || !chosen.by_component) {
-    data.component = SLF_TRY(choose(path, options.component, data.components, "component"));
-  }
-  data.index = chosen.index;
-  data.volumes = chosen.count;
+  SLF_TRY(locate(header, sizes, data));
   SLF_TRY(read_voxels(data, volume));
   return volume;
 }

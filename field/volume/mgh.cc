@@ -1,8 +1,5 @@
 // FreeSurfer's volumes: .mgh, and .mgz, the same in gzip.
 // https://surfer.nmr.mgh.harvard.edu/fswiki/FsTutorial/MghFormat
-//
-// Why our own reader? The format is a big-endian header with fixed offsets, then voxels at byte
-// 284.
 #include <algorithm>
 
 #include "base/try.h"
@@ -71,8 +68,7 @@ bool looks_like_mgh(std::string_view head) {
 Result<Volume> read_mgh(const std::string& path, std::string_view head,
                         const VolumeOptions& options) {
   const Fields header{head, true};
-  Volume volume;
-  volume.source = path;
+  Volume volume{.source = path};
   const auto code = header.get<std::int32_t>(20);
   const auto* type = std::ranges::find(kTypes, code, &std::pair<std::int32_t, ScalarType>::first);
   if (type == std::end(kTypes))
@@ -82,15 +78,12 @@ Result<Volume> read_mgh(const std::string& path, std::string_view head,
   std::vector<std::uint64_t> sizes;
   for (const std::size_t at : {4, 8, 12, 16})
     sizes.push_back(static_cast<std::uint64_t>(header.get<std::int32_t>(at)));
-  const auto chosen = SLF_TRY(choose_volume(path, sizes, options));
-  SLF_TRY(choose(path, options.component, 1, "component"));
-  volume.dims = chosen.dims;
+  auto data = SLF_TRY(choose_volume(sizes, 1, options, volume));
   SLF_TRY(set_position(header, options, volume));
-  VoxelData data{.path = path,
-                 .packed = packing_of_file(path) != Packing::none,
-                 .skip = kVoxels,
-                 .big_endian = true};
-  data.index = chosen.index;  // FreeSurfer's tags follow the last of the volumes
+  data.packed = packing_of_file(path) != Packing::none;
+  data.skip = kVoxels;
+  data.big_endian = true;
+  data.volumes = 0;  // not all that follows: FreeSurfer's tags are behind the last
   SLF_TRY(read_voxels(data, volume));
   return volume;
 }

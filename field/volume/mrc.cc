@@ -1,8 +1,6 @@
 // MRC2014 and CCP4 maps (.mrc, .map), https://www.ccpem.ac.uk/mrc_format/mrc2014.php.
 //
-// Why our own reader? The format is a header of 1024 bytes with fixed offsets, then voxels, and
-// Debian has no library for it that is made for damaged files. World coordinates are the file's, in
-// ångströms; they have no anatomical directions.
+// World coordinates are the file's, in ångströms; they have no anatomical directions.
 #include <algorithm>
 #include <cmath>
 #include <iterator>
@@ -21,13 +19,11 @@ constexpr std::int32_t kHalfFloats = 12;
 constexpr std::int32_t kFourBits = 101;
 
 /// The 4-byte words of the header, counted from 1 as the specification does.
-struct Words {
-  Fields fields;
-
+struct Words : Fields {
   [[nodiscard]] std::int32_t integer(std::size_t word) const {
-    return fields.get<std::int32_t>(4 * (word - 1));
+    return get<std::int32_t>(4 * (word - 1));
   }
-  [[nodiscard]] double real(std::size_t word) const { return fields.get<float>(4 * (word - 1)); }
+  [[nodiscard]] double real(std::size_t word) const { return get<float>(4 * (word - 1)); }
 };
 
 // The machine stamp is often wrong. Tests instead in which order words 17 to 19 permute 1, 2, 3.
@@ -148,8 +144,7 @@ bool looks_like_mrc(std::string_view head) {
 Result<Volume> read_mrc(const std::string& path, std::string_view head,
                         const VolumeOptions& options) {
   const Words words{{head, byte_order(head).value_or(false)}};
-  Volume volume;
-  volume.source = path;
+  Volume volume{.source = path};
   volume.type = SLF_TRY(scalar_type(path, words));
   std::vector<std::uint64_t> sizes;
   for (const std::size_t word : {1, 2, 3})
@@ -160,9 +155,7 @@ Result<Volume> read_mrc(const std::string& path, std::string_view head,
     sizes.push_back(sizes[2] / sections);
     sizes[2] = sections;
   }
-  const auto chosen = SLF_TRY(choose_volume(path, sizes, options));
-  SLF_TRY(choose(path, options.component, 1, "component"));
-  volume.dims = chosen.dims;
+  auto data = SLF_TRY(choose_volume(sizes, 1, options, volume));
   std::array<int, 3> axis_of{0, 1, 2};
   if (words.integer(17) != 0)
     for (std::size_t i = 0; i < 3; ++i) axis_of[i] = words.integer(17 + i) - 1;
@@ -171,11 +164,9 @@ Result<Volume> read_mrc(const std::string& path, std::string_view head,
   const auto extended = words.integer(24);
   if (extended < 0)
     return bad_file(path, "its extended header has ", extended, " bytes, expected 0 or more");
-  VoxelData data{.path = path, .big_endian = words.fields.big_endian};
+  data.big_endian = words.big_endian;
   data.skip = kHeader + static_cast<std::uint64_t>(extended);
   data.packed = packing_of_file(path) != Packing::none;
-  data.index = chosen.index;
-  data.volumes = chosen.count;
   const bool four_bits = words.integer(4) == kFourBits;
   SLF_TRY(four_bits ? read_four_bits(data, volume) : read_voxels(data, volume));
   if (words.integer(4) == kHalfFloats) widen_half_floats(volume);

@@ -1,10 +1,8 @@
 // NIfTI-1 and NIfTI-2, one file (.nii, .nii.gz) or a .hdr with its .img; and Analyze 7.5, from
 // which NIfTI's header was made, with SPM's scale and origin.
 //
-// Why our own reader? ITK converts scaled 8 and 16 bit voxels to floats, which takes up to four
-// times the memory; we keep the voxels and their slope. libnifti allocates by dims that it does not
-// check, and reports on stderr. The format is a header with fixed offsets (nifti1.h, nifti2.h) and
-// the arithmetic of two transforms, below.
+// The format is a header with fixed offsets (nifti1.h, nifti2.h) and the arithmetic of two
+// transforms, below. doc/decisions/volumes.md says why we read it ourselves.
 #include <algorithm>
 #include <cmath>
 #include <iomanip>
@@ -201,12 +199,7 @@ Transform qform_of(const NiftiHeader& header) {
 }
 
 bool is_usable(const Transform& t) {
-  double scale = 1;
-  for (int i = 0; i < 3; ++i) {
-    if (!std::isfinite(t.origin[i]) || !(glm::length(t.axes[i]) < 1e30)) return false;
-    scale *= glm::length(t.axes[i]);
-  }
-  return std::abs(glm::determinant(t.axes)) > 1e-6 * scale;
+  return check_axes(Volume{.axes = t.axes, .origin = t.origin}).has_value();
 }
 
 /// The greatest distance between the positions that two transforms give a voxel. It is at a corner.
@@ -323,8 +316,7 @@ bool is_header_of_pair(std::string_view head) {
 Result<Volume> read_nifti(const std::string& path, std::string_view head,
                           const VolumeOptions& options) {
   const NiftiHeader header = parse(head);
-  Volume volume;
-  volume.source = path;
+  Volume volume{.source = path};
   const std::int64_t rank = header.dim[0];
   if (rank < 1 || rank > 7)
     return bad_file(path, "dim[0] is ", rank, ", expected 1 to 7 dimensions");
@@ -336,8 +328,7 @@ Result<Volume> read_nifti(const std::string& path, std::string_view head,
   }
   const Datatype datatype = SLF_TRY(datatype_of(path, header.datatype));
   volume.type = datatype.type;
-  const auto chosen = SLF_TRY(choose_volume(path, sizes, options));
-  volume.dims = chosen.dims;
+  auto data = SLF_TRY(choose_volume(sizes, datatype.components, options, volume));
   SLF_TRY(set_position(header, options, volume));
 
   // A slope of 0 means that there is none.
@@ -348,22 +339,16 @@ Result<Volume> read_nifti(const std::string& path, std::string_view head,
   if (!(header.vox_offset >= 0) || !(header.vox_offset < 0x1p53))
     return bad_file(path, "vox_offset is ", header.vox_offset,
                     ", expected the byte where the voxels begin");
-  VoxelData data{.path = path, .big_endian = header.big_endian};
+  data.big_endian = header.big_endian;
   data.skip = static_cast<std::uint64_t>(header.vox_offset);
-  data.components = datatype.components;
-  if (data.components > 1 || !chosen.by_component) {
-    data.component = SLF_TRY(choose(path, options.component, data.components, "component"));
-  }
   const std::uint64_t header_bytes = big_endian_of(head, kHeader1) ? kHeader1 : kHeader2;
   if (!header.single_file)
-    data.path = partner_of(path, ".img");
+    data.files = {partner_of(path, ".img")};
   else if (data.skip < header_bytes)
     data.skip = header_bytes + 4;  // unset: after the header and its extension flag
-  if (const auto size = file_size(data.path); !size)
-    return fail(size.error().code, path, ": its voxels cannot be read: ", size.error().message);
-  data.packed = packing_of_file(data.path) != Packing::none;
-  data.index = chosen.index;
-  data.volumes = chosen.count;
+  if (const auto size = file_size(data.files.front()); !size)
+    return fail_in(size.error(), path, ": its voxels cannot be read: ");
+  data.packed = packing_of_file(data.files.front()) != Packing::none;
   SLF_TRY(read_voxels(data, volume));
   return volume;
 }

@@ -122,7 +122,7 @@ void transpose(Volume& volume) {
 }
 
 Result<Volume> read_array(const NpyHeader& header, VoxelData data, const VolumeOptions& options) {
-  const std::string& path = data.path;
+  const std::string path = data.files.front();
   std::vector<std::uint64_t> space = header.shape;
   std::uint64_t colours = 1, times = 1;
   if (space.size() > 3 && space.back() >= 1 && space.back() <= 4) {
@@ -141,9 +141,7 @@ Result<Volume> read_array(const NpyHeader& header, VoxelData data, const VolumeO
     return unsupported(path, "an array of shape ", describe_shape(header.shape),
                        ", expected z, y, x with time before them and colour after: save the part "
                        "that you want as an array of its own");
-  Volume volume;
-  volume.source = path;
-  volume.type = header.type;
+  Volume volume{.type = header.type, .source = path};
   if (!header.fortran_order) std::ranges::reverse(space);
   volume.dims = SLF_TRY(check_dims(path, space));
   const auto time = SLF_TRY(choose(path, options.time, times, "time point"));
@@ -180,7 +178,7 @@ bool looks_like_npy(std::string_view head) { return head.starts_with(kMagic); }
 Result<Volume> read_npy(const std::string& path, std::string_view head,
                         const VolumeOptions& options) {
   const auto header = SLF_TRY(parse(path, head));
-  return read_array(header, {.path = path, .packed = packing_of_file(path) != Packing::none},
+  return read_array(header, {.files = {path}, .packed = packing_of_file(path) != Packing::none},
                     options);
 }
 
@@ -208,7 +206,7 @@ Result<Volume> read_npz(const std::string& path, std::string_view, const VolumeO
     if (options.array ? *options.array != array_name : array->shape.size() < 3) continue;
     ++volumes;
     header = std::move(*array);
-    data = {.path = path,
+    data = {.files = {path},
             .offset = member.offset,
             .packed = member.packed,
             .packing = Packing::deflate};

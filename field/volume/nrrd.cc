@@ -1,7 +1,4 @@
 // NRRD (.nrrd, or .nhdr with its data file), https://teem.sourceforge.net/nrrd/format.html.
-//
-// Why our own reader, not ITK or teem? Every size must be checked against the file before memory is
-// allocated. That requires parsing the header, and the rest is only voxels, raw or deflated.
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -15,6 +12,9 @@ namespace {
 
 constexpr double kUnset = std::numeric_limits<double>::quiet_NaN();
 
+/// What an index along an axis chooses.
+enum class Role : std::uint8_t { space, component, time };
+
 struct Axis {
   std::uint64_t size = 0;
   double spacing = kUnset, thickness = kUnset;
@@ -22,6 +22,11 @@ struct Axis {
   std::string kind;
   std::string centering;
   std::optional<glm::dvec3> direction;  // unset: "none", or no directions at all
+  Role role = Role::space;              // see assign_roles()
+
+  [[nodiscard]] double intervals() const {
+    return centering == "node" ? double(size) - 1 : static_cast<double>(size);
+  }
 };
 
 Result<TextHeader> parse_nrrd_lines(const std::string& path, std::string_view head) {
@@ -107,7 +112,12 @@ Result<std::vector<Axis>> parse_axes(const TextHeader& header) {
   const auto rank = SLF_TRY(header.integer("dimension", 1, 16));
   std::vector<Axis> axes(static_cast<std::size_t>(rank));
   const auto sizes = SLF_TRY(header.sizes("sizes", axes.size()));
-  for (std::size_t i = 0; i < axes.size(); ++i) axes[i].size = sizes[i];
+  std::uint64_t voxels = 1;
+  for (std::size_t i = 0; i < axes.size(); ++i) {
+    axes[i].size = sizes[i];
+    if (__builtin_mul_overflow(voxels, sizes[i], &voxels))
+      return bad_file(header.path, "absurd 'sizes'");
+  }
   for (const auto& [field, to] :
        {std::pair{"spacings", &Axis::spacing}, std::pair{"thicknesses", &Axis::thickness},
         std::pair{"axismins", &Axis::min}, std::pair{"axismaxs", &Axis::max}}) {
@@ -125,53 +135,30 @@ Result<std::vector<Axis>> parse_axes(const TextHeader& header) {
   return axes;
 }
 
-/// An axis that is not of space: of components, or of time points.
-struct OtherAxis {
-  bool time = false;
-  std::uint64_t size = 1;
-  std::uint64_t run = 1;   // the voxels that are stored before the next index: sizes before it
-  bool outermost = false;  // of all axes, or before others of which this is true
-};
-
-/// Keeps the three axes of space, and returns the others, the fastest first. Drops axes of extent 1
-/// beyond three, those of components first.
-Result<std::vector<OtherAxis>> keep_space(const std::string& path, bool directed,
-                                          std::vector<Axis>& axes) {
-  const auto beyond = [&](const Axis& a) {
+/// Gives each axis its role by its kind or, without one, by its place among the others: three are
+/// of space, and at most one each of components and time. Drops axes of extent 1 beyond three,
+/// those that are not of space first. `directed`: the header has directions, which other axes lack.
+Result<void> assign_roles(const std::string& path, bool directed, std::vector<Axis>& axes) {
+  const auto is_other = [&](const Axis& a) {
     return is_range(a) || a.kind == "time" || (directed && !a.direction);
   };
-  std::erase_if(axes, [&](const Axis& a) { return a.size == 1 && beyond(a); });
+  std::erase_if(axes, [&](const Axis& a) { return a.size == 1 && is_other(a); });
   for (std::size_t i = axes.size(); i-- > 0 && axes.size() > 3;)
     if (axes[i].size == 1) axes.erase(axes.begin() + static_cast<std::ptrdiff_t>(i));
-  const std::vector<Axis> all = axes;
   // Without kinds, the axis after three of space is time.
-  const bool unnamed = std::ranges::none_of(all, beyond) && all.size() == 4;
-  const bool last_unnamed =
-      all.size() == 5 && beyond(all.front()) && std::none_of(all.begin() + 1, all.end(), beyond);
-  axes.clear();
-  std::vector<OtherAxis> others;
-  std::uint64_t run = 1;
-  for (const Axis& axis : all) {
-    const bool last = &axis == &all.back();
-    if (!beyond(axis) && !(last && (unnamed || last_unnamed))) {
-      axes.push_back(axis);
-    } else {
-      // Lists and axes without a kind are components before those of space, times after them.
-      const bool open = !is_range(axis) || axis.kind == "list";
-      others.push_back(
-          {.time = axis.kind == "time" || (open && last), .size = axis.size, .run = run});
-    }
-    if (__builtin_mul_overflow(run, axis.size, &run)) return bad_file(path, "absurd 'sizes'");
+  const std::ptrdiff_t before = axes.size() == 5 && is_other(axes.front()) ? 1 : 0;
+  const bool unnamed =
+      std::ssize(axes) == before + 4 && std::none_of(axes.begin() + before, axes.end(), is_other);
+  for (Axis& axis : axes) {
+    const bool last = &axis == &axes.back();
+    if (!is_other(axis) && !(last && unnamed)) continue;
+    // Lists and axes without a kind are components before those of space, times after them.
+    const bool open = !is_range(axis) || axis.kind == "list";
+    axis.role = axis.kind == "time" || (open && last) ? Role::time : Role::component;
   }
-  const auto times = std::ranges::count_if(others, [](auto& o) { return o.time; });
-  if (axes.size() == 3 && times <= 1 && others.size() - static_cast<std::size_t>(times) <= 1) {
-    for (std::size_t i = others.size(); i-- > 0 && others[i].run * others[i].size == run;) {
-      others[i].outermost = true;
-      run = others[i].run;
-    }
-    return others;
-  }
-  const std::string found = joined(all, "x", [](const Axis& axis) {
+  const auto count = [&](Role role) { return std::ranges::count(axes, role, &Axis::role); };
+  if (count(Role::space) == 3 && count(Role::component) <= 1 && count(Role::time) <= 1) return {};
+  const std::string found = joined(axes, "x", [](const Axis& axis) {
     return concat(axis.size, axis.kind.empty() ? "" : " (" + in_quotes(axis.kind) + ")");
   });
   return unsupported(path, "sizes ", found,
@@ -179,41 +166,43 @@ Result<std::vector<OtherAxis>> keep_space(const std::string& path, bool directed
                      "volume, e.g. `unu slice -a AXIS -p INDEX -i IN -o OUT.nrrd`");
 }
 
-/// Chooses a component and a time point, wherever their axes are.
-Result<void> choose_others(const std::string& path, const std::vector<OtherAxis>& others,
-                           const VolumeOptions& options, VoxelData& data) {
-  std::uint64_t components = 1, component = 0;
+/// Chooses a component and a time point. Those behind all axes of space number whole volumes;
+/// others are components of a voxel, which may be stored in runs.
+Result<void> choose_in_axes(const std::string& path, const std::vector<Axis>& axes,
+                            const VolumeOptions& options, VoxelData& data) {
+  const auto chosen = [&](Role role) -> Result<std::uint32_t> {
+    const auto axis = std::ranges::find(axes, role, &Axis::role);
+    const bool time = role == Role::time;
+    return choose(path, time ? options.time : options.component,
+                  axis == axes.end() ? 1 : axis->size, time ? "time point" : "component");
+  };
+  const std::uint64_t time = SLF_TRY(chosen(Role::time));
+  const std::uint64_t component = SLF_TRY(chosen(Role::component));
+  std::size_t in_volume = axes.size();  // axes before those that number volumes
+  while (axes[in_volume - 1].role != Role::space) --in_volume;
+  std::uint64_t components = 1, own = 0, end = 0;  // where the runs of all components end
   data.volumes = 1;
-  std::optional<std::uint32_t> chosen[2];
-  for (const bool time : {true, false}) {
-    const auto axis =
-        std::ranges::find_if(others, [&](const OtherAxis& other) { return other.time == time; });
-    chosen[time] =
-        SLF_TRY(choose(path, time ? options.time : options.component,
-                       axis == others.end() ? 1 : axis->size, time ? "time point" : "component"));
-  }
-  // The sizes of all axes together can be counted: no product overflows.
-  std::uint64_t after = 0;  // where the inner axes end that were joined
-  for (const OtherAxis& other : others) {
-    const std::uint64_t index = *chosen[other.time];
-    if (other.outermost) {
+  for (std::size_t i = 0, run = 1; i < axes.size(); run *= axes[i++].size) {
+    if (axes[i].role == Role::space) continue;
+    const std::uint64_t index = axes[i].role == Role::time ? time : component;
+    if (i >= in_volume) {
       data.index += index * data.volumes;
-      data.volumes *= other.size;
+      data.volumes *= axes[i].size;
       continue;
     }
-    if (after == 0) data.run = other.run;
-    if (after != 0 && after != other.run)
+    if (end == 0) data.run = run;
+    if (end != 0 && end != run)
       return unsupported(path,
                          "its axes of components and time have one of space between them: permute "
                          "them, e.g. `unu permute`");
-    component += index * components;
-    components *= other.size;
-    after = other.run * other.size;
+    own += index * components;
+    components *= axes[i].size;
+    end = run * axes[i].size;
   }
   if (components > std::numeric_limits<std::uint32_t>::max())
     return bad_file(path, "absurd 'sizes': ", components, " components");
   data.components = static_cast<std::uint32_t>(components);
-  data.component = static_cast<std::uint32_t>(component);
+  data.component = static_cast<std::uint32_t>(own);
   return {};
 }
 
@@ -249,9 +238,7 @@ Result<void> place_directed(const TextHeader& header, const std::vector<Axis>& a
 /// Teem, the ends are those of the cells around the samples, unless the samples are at nodes.
 double spacing_of(const Axis& axis) {
   if (!std::isnan(axis.spacing)) return axis.spacing;
-  const double intervals =
-      axis.centering == "node" ? double(axis.size) - 1 : static_cast<double>(axis.size);
-  return (axis.max - axis.min) / intervals;
+  return (axis.max - axis.min) / axis.intervals();
 }
 
 /// Without a space, uses the grid's own axes. The ends of the axes give the origin if all are
@@ -277,10 +264,7 @@ Result<void> place_by_spacing(const std::vector<Axis>& axes, const VolumeOptions
     volume.axes[k][k] = spacing;
     const double from_end = axis.centering == "node" ? 0 : spacing / 2;
     volume.origin[k] = axis.min + from_end;
-    if (std::isnan(axis.min))
-      volume.origin[k] =
-          axis.max + from_end -
-          spacing * (axis.centering == "node" ? double(axis.size) - 1 : double(axis.size));
+    if (std::isnan(axis.min)) volume.origin[k] = axis.max + from_end - spacing * axis.intervals();
     has_origin = has_origin && std::isfinite(volume.origin[k]);
   }
   if (!has_origin) volume.origin = glm::dvec3(0.0);
@@ -329,14 +313,14 @@ Result<bool> parse_big_endian(const TextHeader& header, ScalarType type) {
 }
 
 /// The paths of several data files, in order: `LIST [SUBDIM]`, or `PATTERN MIN MAX STEP [SUBDIM]`.
-/// Empty: one file.
+/// Else it names one file.
 Result<std::vector<std::string>> data_files(const TextHeader& header, const std::string& text,
                                             const std::vector<Axis>& axes) {
   const std::string& path = header.path;
   const auto parts = words(text);
   const bool list = text.starts_with("LIST");
   if (!list && (text.find('%') == std::string::npos || parts.size() < 4))
-    return std::vector<std::string>{};
+    return std::vector{beside(path, text)};
   std::vector<std::int64_t> given;
   for (std::size_t i = 1; i < parts.size(); ++i) {
     const auto value = parse_integer(parts[i]);
@@ -358,9 +342,7 @@ Result<std::vector<std::string>> data_files(const TextHeader& header, const std:
     return bad_file(path, "'data file' is ", in_quotes(text), ", expected files of 1 to ", rank,
                     " dimensions");
   std::uint64_t count = 1;
-  for (auto i = static_cast<std::size_t>(of_file); i < axes.size(); ++i)
-    if (__builtin_mul_overflow(count, axes[i].size, &count))
-      return bad_file(path, "absurd 'sizes'");
+  for (auto i = static_cast<std::size_t>(of_file); i < axes.size(); ++i) count *= axes[i].size;
   if (files.empty() || (of_file < rank && files.size() != count))
     return bad_file(path, "it names ", files.size(), " data files, but its 'sizes' need ", count,
                     ", each of ", of_file, " dimensions");
@@ -370,22 +352,21 @@ Result<std::vector<std::string>> data_files(const TextHeader& header, const std:
 /// Finds the voxels. `axes`: all of them, as in the header.
 Result<void> locate(const TextHeader& header, ScalarType type, const std::vector<Axis>& axes,
                     VoxelData& data) {
-  data.path = header.path;
+  data.files = {header.path};
   data.offset = header.bytes;
   if (const auto* text = header.find("datafile")) {
-    data.parts = SLF_TRY(data_files(header, *text, axes));
-    data.path = data.parts.empty() ? beside(header.path, *text) : data.parts.front();
+    data.files = SLF_TRY(data_files(header, *text, axes));
     data.offset = 0;
   }
   data.packing = SLF_TRY(parse_packing(header));
   data.packed = data.packing != Packing::none;
   data.big_endian = SLF_TRY(parse_big_endian(header, type));
-  SLF_TRY(header.check_data_file(data.path));
+  SLF_TRY(header.check_data_file(data.files.front()));
   const auto lines = SLF_TRY(header.integer("lineskip", 0, kMaxSkip, 0));
-  if (lines > 0 && data.parts.size() > 1)
+  if (lines > 0 && data.files.size() > 1)
     return unsupported(header.path, "'line skip' in several data files, expected 'byte skip'");
-  data.offset =
-      SLF_TRY(offset_after_lines(data.path, data.offset, static_cast<std::uint64_t>(lines)));
+  data.offset = SLF_TRY(
+      offset_after_lines(data.files.front(), data.offset, static_cast<std::uint64_t>(lines)));
   const auto skip = SLF_TRY(header.integer("byteskip", data.packed ? 0 : -1, kMaxSkip, 0));
   data.at_end = skip == -1;
   data.skip = data.at_end ? 0 : static_cast<std::uint64_t>(skip);
@@ -408,8 +389,7 @@ bool nrrd_names_files(std::string_view head) {
 Result<Volume> read_nrrd(const std::string& path, std::string_view head,
                          const VolumeOptions& options) {
   const auto header = SLF_TRY(parse_nrrd_lines(path, head));
-  Volume volume;
-  volume.source = path;
+  Volume volume{.source = path};
 
   const auto type_name = SLF_TRY(header.required("type"));
   const auto type = parse_scalar_type(type_name);
@@ -421,7 +401,10 @@ Result<Volume> read_nrrd(const std::string& path, std::string_view head,
   const auto all_axes = SLF_TRY(parse_axes(header));
   auto axes = all_axes;
   const bool directed = header.find("spacedirections") != nullptr;
-  const auto others = SLF_TRY(keep_space(path, directed, axes));
+  SLF_TRY(assign_roles(path, directed, axes));
+  VoxelData data;
+  SLF_TRY(choose_in_axes(path, axes, options, data));
+  std::erase_if(axes, [](const Axis& axis) { return axis.role != Role::space; });
   std::vector<std::uint64_t> sizes(axes.size());
   std::ranges::transform(axes, sizes.begin(), &Axis::size);
   volume.dims = SLF_TRY(check_dims(path, sizes));
@@ -433,8 +416,6 @@ Result<Volume> read_nrrd(const std::string& path, std::string_view head,
       if (const std::string one = '"' + unit + '"'; *text == one + " " + one + " " + one)
         volume.unit = unit;
 
-  VoxelData data;
-  SLF_TRY(choose_others(path, others, options, data));
   SLF_TRY(locate(header, volume.type, all_axes, data));
   SLF_TRY(read_voxels(data, volume));
   return volume;

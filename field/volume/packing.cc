@@ -158,18 +158,11 @@ Packing packing_of(std::string_view head) {
 
 bool begins_member(Packing packing, std::byte first) {
   const auto byte = std::to_integer<unsigned>(first);
-  switch (packing) {
-    case Packing::gzip:
-      return byte == 0x1f;
-    case Packing::bzip2:
-      return byte == 'B';
-    case Packing::xz:
-      return byte == 0xfd;
-    case Packing::zstd:
-      return byte == 0x28 || byte >> 4 == 5;
-    default:
-      return false;
-  }
+  return packing == Packing::gzip    ? byte == 0x1f
+         : packing == Packing::bzip2 ? byte == 'B'
+         : packing == Packing::xz    ? byte == 0xfd
+         : packing == Packing::zstd  ? byte == 0x28 || byte >> 4 == 5
+                                     : false;
 }
 
 Packing packing_of_file(const std::string& path, std::uint64_t offset) {

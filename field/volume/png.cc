@@ -5,7 +5,7 @@
 #include <bit>
 #include <csetjmp>
 #include <cstdio>
-#include <cstring>
+#include <fstream>
 
 #include "base/try.h"
 #include "field/volume/stack.h"
@@ -17,8 +17,8 @@ namespace {
 /// libpng reports errors by longjmp. All objects that must be freed or filled are in this struct,
 /// outside of the frames that a longjmp skips.
 struct Reader {
-  std::vector<std::byte> bytes;
-  std::size_t at = 0;
+  std::ifstream file;
+  std::uint64_t bytes = 0;  ///< of the file
   std::array<char, 128> message{};
   png_structp png = nullptr;
   png_infop info = nullptr;
@@ -42,9 +42,8 @@ void on_warning(png_structp, png_const_charp) {}
 
 void on_read(png_structp png, png_bytep to, std::size_t count) {
   auto& reader = *static_cast<Reader*>(png_get_io_ptr(png));
-  if (count > reader.bytes.size() - reader.at) png_error(png, "the file ends early");
-  std::memcpy(to, reader.bytes.data() + reader.at, count);
-  reader.at += count;
+  if (!reader.file.read(reinterpret_cast<char*>(to), static_cast<std::streamsize>(count)))
+    png_error(png, "the file ends early");
 }
 
 /// Reads the header, and requests pixels of 8 or 16 bits with 1 to 4 channels. Unless `as_stored`,
@@ -81,10 +80,8 @@ tl::unexpected<Error> damaged(const std::string& path, const Reader& reader) {
 
 /// Reads a file up to its pixels.
 Result<void> begin_png(const std::string& path, bool as_stored, Reader& reader) {
-  const auto size = SLF_TRY(file_size(path));
-  auto file = SLF_TRY(ByteReader::open(path, 0, false));
-  reader.bytes.resize(size);
-  SLF_TRY(file.read(reader.bytes));
+  reader.bytes = SLF_TRY(file_size(path));
+  reader.file = SLF_TRY(open_regular(path));
   reader.png = png_create_read_struct(PNG_LIBPNG_VER_STRING, &reader, on_error, on_warning);
   if (reader.png) reader.info = png_create_info_struct(reader.png);
   if (!reader.info) return fail(ErrorCode::out_of_memory, path, ": no memory to read it");
@@ -99,8 +96,8 @@ Result<void> finish_png(const std::string& path, Reader& reader) {
   const std::size_t row = std::size_t{kind.width} * kind.components * bytes_per_voxel(kind.type);
   // Deflate packs at most 1032:1, and few bits were expanded at most 8 times, palettes 4 times
   // more.
-  if (row > reader.bytes.size() * 1032 * 32 / kind.height + 1)
-    return bad_file(path, describe(kind), " cannot be in ", reader.bytes.size(), " bytes");
+  if (row > reader.bytes * 1032 * 32 / kind.height + 1)
+    return bad_file(path, describe(kind), " cannot be in ", reader.bytes, " bytes");
   reader.samples.resize(row * kind.height);
   for (std::uint32_t y = 0; y < kind.height; ++y)
     reader.rows.push_back(reinterpret_cast<png_bytep>(reader.samples.data() + y * row));
@@ -112,14 +109,15 @@ Result<void> finish_png(const std::string& path, Reader& reader) {
 
 bool looks_like_png(std::string_view head) { return head.starts_with("\x89PNG\r\n\x1a\n"); }
 
-Result<void> append_png(const std::string& path, const VolumeOptions& options,
-                        std::optional<SliceKind>& kind, std::vector<std::byte>& voxels) {
+Result<std::uint64_t> append_png(const std::string& path, const VolumeOptions& options,
+                                 std::optional<SliceKind>& kind, std::vector<std::byte>& voxels) {
   Reader reader;
   SLF_TRY(begin_png(path, false, reader));
   SLF_TRY(same_kind(path, reader.kind, kind));
   const auto taker = SLF_TRY(ComponentSelector::make(path, *kind, options));
   SLF_TRY(finish_png(path, reader));
-  return taker.append(reader.samples, voxels);
+  SLF_TRY(taker.append(reader.samples, voxels));
+  return 1;
 }
 
 Result<SliceKind> read_png_as_stored(const std::string& path, std::vector<std::byte>& samples) {

@@ -51,24 +51,17 @@ class ComponentSelector {
   std::size_t width_ = 1;
 };
 
-/// Appends a picture to `voxels`. The first one sets `kind`, which all others must have.
-[[nodiscard]] Result<void> append_png(const std::string& path, const VolumeOptions& options,
-                                      std::optional<SliceKind>& kind,
-                                      std::vector<std::byte>& voxels);
-[[nodiscard]] Result<void> append_jpeg(const std::string& path, const VolumeOptions& options,
-                                       std::optional<SliceKind>& kind,
-                                       std::vector<std::byte>& voxels);
+/// Appends the slices of a file to `voxels` and returns their number: one, but for TIFF, of one
+/// channel and one time point where its metadata state several. The first slice sets `kind`, which
+/// all others must have.
+using SliceReader = Result<std::uint64_t>(const std::string& path, const VolumeOptions& options,
+                                          std::optional<SliceKind>& kind,
+                                          std::vector<std::byte>& voxels);
+[[nodiscard]] SliceReader append_png, append_jpeg, append_tiff;
 
 /// Reads all samples of a PNG, of a palette the indices. bad_file: damaged.
 [[nodiscard]] Result<SliceKind> read_png_as_stored(const std::string& path,
                                                    std::vector<std::byte>& samples);
-
-/// Appends all slices of a TIFF file in the same way, of one channel and one time point where its
-/// metadata state several. Returns their number.
-[[nodiscard]] Result<std::uint64_t> append_tiff(const std::string& path,
-                                                const VolumeOptions& options,
-                                                std::optional<SliceKind>& kind,
-                                                std::vector<std::byte>& voxels);
 
 /// The names of the files, all in one folder, that a TIFF file's OME metadata say its pictures are
 /// in. Often it is that file only; empty if there are no such metadata.

@@ -33,8 +33,13 @@ std::optional<T> parse(std::string_view text) {
   if (text.starts_with('+')) text.remove_prefix(1);
   T value{};
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-  if (error != std::errc() || end != text.data() + text.size()) return std::nullopt;
-  return value;
+  if (end != text.data() + text.size() || text.empty()) return std::nullopt;
+  // Beyond the range of double: zero, or infinity.
+  if (std::is_floating_point_v<T> && error == std::errc::result_out_of_range)
+    return text.find("e-") != text.npos || text.find("E-") != text.npos
+               ? T{0}
+               : std::numeric_limits<T>::infinity();
+  return error == std::errc() ? std::optional(value) : std::nullopt;
 }
 
 }  // namespace
@@ -230,7 +235,7 @@ Result<std::vector<std::uint64_t>> TextHeader::sizes(std::string_view field,
 Result<void> TextHeader::check_data_file(const std::string& file) const {
   const auto size = file_size(file);
   if (size) return {};
-  return fail(size.error().code, path, ": its data file cannot be read: ", size.error().message);
+  return fail_in(size.error(), path, ": its data file cannot be read: ");
 }
 
 }  // namespace slf::volume_io

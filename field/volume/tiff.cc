@@ -267,7 +267,7 @@ Result<Volume> read_raw_stack(const TiffFile& file, const SliceKind& kind, const
                        " pictures: save it as a TIFF with a page each");
   // Pictures between two slices are taken as components of a voxel that are stored in runs.
   const std::uint64_t step = page_of(d, 1, 0, 0), pixels = std::uint64_t{kind.width} * kind.height;
-  VoxelData data{.path = file.path, .offset = offsets[0]};
+  VoxelData data{.files = {file.path}, .offset = offsets[0]};
   data.big_endian = TIFFIsBigEndian(file.tiff.get()) != 0;
   data.components = static_cast<std::uint32_t>(step);
   data.component = static_cast<std::uint32_t>(first % step);
@@ -307,9 +307,7 @@ Result<std::uint64_t> append_tiff(const std::string& path, const VolumeOptions& 
 Result<Volume> read_tiff(const std::string& path, std::string_view, const VolumeOptions& options) {
   auto stack = SLF_TRY(survey(path, options));
   TiffDescription& d = stack.d;
-  Volume volume;
-  volume.source = path;
-  volume.type = stack.kind.type;
+  Volume volume{.type = stack.kind.type, .source = path};
   if (stack.first > 0)
     volume.notes.emplace_back("its first page is smaller than all others: left out as a thumbnail");
   if (d.z == 0) d.z = stack.pages;
@@ -323,8 +321,7 @@ Result<Volume> read_tiff(const std::string& path, std::string_view, const Volume
   const bool raw_stack = !counted && stack.pages == 1 && d.origin == "ImageJ";
   const bool in_set = d.of_several || (!counted && d.names_files());
   if (!raw_stack && !in_set && !counted) return wrong_count(path, stack);
-  volume.dims = SLF_TRY(
-      check_dims(path, std::array<std::uint64_t, 3>{stack.kind.width, stack.kind.height, d.z}));
+  volume.dims = SLF_TRY(check_dims(path, {stack.kind.width, stack.kind.height, d.z}));
   const auto time = SLF_TRY(choose(path, options.time, d.times, "time point"));
   const auto channel = SLF_TRY(choose_channel(path, stack, options));
   set_spacing(d, options, volume);

@@ -17,34 +17,22 @@ using namespace volume_io;
 
 namespace {
 
-struct TypeNames {
-  ScalarType type;
-  std::size_t bytes;
-  std::vector<std::string_view> names;  // the short one first
-};
+using TypeNames = std::vector<std::string_view>;
 
+/// The names of the types in their order, the short one of each first.
 const std::array<TypeNames, 10>& type_names() {
-  static const std::array<TypeNames, 10> kNames = {{
-      {ScalarType::u8, 1, {"u8", "uint8", "uint8_t", "uchar", "unsigned char"}},
-      {ScalarType::i8, 1, {"i8", "int8", "int8_t", "char", "signed char"}},
-      {ScalarType::u16,
-       2,
-       {"u16", "uint16", "uint16_t", "ushort", "unsigned short", "unsigned short int"}},
-      {ScalarType::i16,
-       2,
-       {"i16", "int16", "int16_t", "short", "short int", "signed short", "signed short int"}},
-      {ScalarType::u32, 4, {"u32", "uint32", "uint32_t", "uint", "unsigned int"}},
-      {ScalarType::i32, 4, {"i32", "int32", "int32_t", "int", "signed int"}},
-      {ScalarType::u64,
-       8,
-       {"u64", "uint64", "uint64_t", "ulonglong", "unsigned long long", "unsigned long long int"}},
-      {ScalarType::i64,
-       8,
+  static const std::array<TypeNames, 10> kNames = {
+      {{"u8", "uint8", "uint8_t", "uchar", "unsigned char"},
+       {"i8", "int8", "int8_t", "char", "signed char"},
+       {"u16", "uint16", "uint16_t", "ushort", "unsigned short", "unsigned short int"},
+       {"i16", "int16", "int16_t", "short", "short int", "signed short", "signed short int"},
+       {"u32", "uint32", "uint32_t", "uint", "unsigned int"},
+       {"i32", "int32", "int32_t", "int", "signed int"},
+       {"u64", "uint64", "uint64_t", "ulonglong", "unsigned long long", "unsigned long long int"},
        {"i64", "int64", "int64_t", "longlong", "long long", "long long int", "signed long long",
-        "signed long long int"}},
-      {ScalarType::f32, 4, {"f32", "float32", "float"}},
-      {ScalarType::f64, 8, {"f64", "float64", "double"}},
-  }};
+        "signed long long int"},
+       {"f32", "float32", "float"},
+       {"f64", "float64", "double"}}};
   return kNames;
 }
 
@@ -146,19 +134,20 @@ Result<Volume> read_any(const std::string& path, const VolumeOptions& options) {
 }  // namespace
 
 const char* name(ScalarType type) {
-  return type_names()[static_cast<std::size_t>(type)].names.front().data();
+  return type_names()[static_cast<std::size_t>(type)].front().data();
 }
 
 std::size_t bytes_per_voxel(ScalarType type) {
-  return type_names()[static_cast<std::size_t>(type)].bytes;
+  return with_type(type, []<class T>(T) { return sizeof(T); });
 }
 
 Result<ScalarType> parse_scalar_type(std::string_view text) {
   const std::string wanted = lower_case(trim(text));
-  for (const auto& [type, bytes, names] : type_names())
-    if (std::ranges::find(names, wanted) != names.end()) return type;
+  const auto& all = type_names();
+  for (std::size_t k = 0; k < all.size(); ++k)
+    if (std::ranges::find(all[k], wanted) != all[k].end()) return static_cast<ScalarType>(k);
   return fail(ErrorCode::usage, "unknown voxel type ", in_quotes(text), ", expected one of ",
-              joined(type_names(), ", ", [](const TypeNames& type) { return type.names.front(); }));
+              joined(all, ", ", [](const TypeNames& names) { return names.front(); }));
 }
 
 std::span<const std::byte> Volume::bytes() const {
@@ -202,15 +191,9 @@ namespace volume_io {
 
 Result<Volume> read_raw(const std::string& path, const RawLayout& layout,
                         const VolumeOptions& options) {
-  Volume volume;
-  volume.source = path;
-  volume.type = layout.type;
-  const std::array<std::uint64_t, 3> sizes{layout.dims[0], layout.dims[1], layout.dims[2]};
-  const auto as_usage = [](const Error& error) {
-    return tl::unexpected<Error>(Error{ErrorCode::usage, error.message});
-  };
-  const auto dims = check_dims(path, sizes);
-  if (!dims) return as_usage(dims.error());
+  Volume volume{.type = layout.type, .source = path};
+  const auto dims = check_dims(path, {layout.dims.begin(), layout.dims.end()});
+  if (!dims) return fail(ErrorCode::usage, dims.error().message);
   volume.dims = *dims;
   for (int i = 0; i < 3; ++i) {
     if (!(layout.spacing[i] > 0) || !std::isfinite(layout.spacing[i]))
@@ -218,15 +201,15 @@ Result<Volume> read_raw(const std::string& path, const RawLayout& layout,
                     ", expected a positive number");
     volume.axes[i][i] = layout.spacing[i];
   }
-  if (auto checked = check_axes(volume); !checked) return as_usage(checked.error());
+  if (const auto ok = check_axes(volume); !ok) return fail(ErrorCode::usage, ok.error().message);
   const auto size = SLF_TRY(file_size(path));
   const std::uint64_t needed = voxel_bytes(volume);
   if (!is_named_and_packed(path) && (layout.offset > size || needed > size - layout.offset))
-    return fail_without("raw", ErrorCode::usage, path, ": dimensions ", sizes[0], "x", sizes[1],
-                        "x", sizes[2], " of type ", name(layout.type), " at offset ", layout.offset,
-                        " need ", needed, " bytes after the offset, but the file has ", size,
+    return fail_without("raw", ErrorCode::usage, path, ": dimensions ", joined(layout.dims, "x"),
+                        " of type ", name(layout.type), " at offset ", layout.offset, " need ",
+                        needed, " bytes after the offset, but the file has ", size,
                         " bytes in all: choose another layout");
-  VoxelData data{.path = path, .offset = layout.offset, .big_endian = layout.big_endian};
+  VoxelData data{.files = {path}, .offset = layout.offset, .big_endian = layout.big_endian};
   // The layout does not state the number of time points: the length of the file is the limit. If
   // one is chosen, whole volumes after it are no sign of a wrong layout.
   data.index = options.time.value_or(0);

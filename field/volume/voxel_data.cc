@@ -22,10 +22,6 @@ struct VoxelBytes {
   std::uint64_t part = 0;    ///< what each file holds
 };
 
-std::vector<std::string> files_of(const VoxelData& from) {
-  return from.parts.empty() ? std::vector<std::string>{from.path} : from.parts;
-}
-
 Result<VoxelBytes> count_bytes(const VoxelData& from, const Volume& volume) {
   VoxelBytes bytes;
   const std::uint64_t volumes = std::max(from.volumes, from.index + 1);
@@ -34,9 +30,9 @@ Result<VoxelBytes> count_bytes(const VoxelData& from, const Volume& volume) {
       __builtin_mul_overflow(bytes.volume, volumes, &bytes.all) ||
       __builtin_add_overflow(bytes.all, from.skip, &end) ||
       __builtin_add_overflow(end, from.offset, &end))
-    return bad_file(from.path, "absurd dims: ", volumes, " volumes end beyond 2^64 bytes");
+    return bad_file(from.files.front(), "absurd dims: ", volumes, " volumes end beyond 2^64 bytes");
   bytes.begin = bytes.volume * from.index;
-  const std::uint64_t files = std::max<std::size_t>(from.parts.size(), 1);
+  const std::uint64_t files = from.files.size();
   bytes.part = bytes.all / files;
   if (bytes.part == 0 || bytes.part * files != bytes.all)
     return bad_file(volume.source, "its ", bytes.all, " bytes of voxels cannot be ", files,
@@ -67,7 +63,7 @@ Result<std::uint64_t> skip_bytes(ByteReader& reader, std::uint64_t count) {
 class VoxelStream {
  public:
   VoxelStream(const VoxelData& from, const VoxelBytes& bytes)
-      : from_(from), bytes_(bytes), files_(files_of(from)), at_(bytes.begin) {}
+      : from_(from), bytes_(bytes), at_(bytes.begin) {}
 
   /// Fills `to` and returns its size, or fewer bytes where a file ends early.
   Result<std::size_t> read(std::span<std::byte> to) {
@@ -107,9 +103,9 @@ class VoxelStream {
     const auto part = static_cast<std::size_t>(at_ / bytes_.part);
     if (reader_ && part == part_) return {};
     const std::uint64_t before = from_.skip + at_ % bytes_.part;
-    const auto size = SLF_TRY(file_size(files_[part]));
+    const auto size = SLF_TRY(file_size(from_.files[part]));
     const std::uint64_t offset = offset_in(from_, bytes_, size);
-    auto reader = SLF_TRY(ByteReader::open(files_[part], offset + (from_.packed ? 0 : before),
+    auto reader = SLF_TRY(ByteReader::open(from_.files[part], offset + (from_.packed ? 0 : before),
                                            from_.packed, from_.packing));
     if (from_.packed) SLF_TRY(skip_bytes(reader, before));
     reader_ = std::move(reader);
@@ -119,7 +115,6 @@ class VoxelStream {
 
   const VoxelData& from_;
   const VoxelBytes bytes_;
-  std::vector<std::string> files_;
   std::uint64_t at_;      ///< in the volumes
   std::size_t part_ = 0;  ///< of the open reader
   std::optional<ByteReader> reader_;
@@ -175,11 +170,11 @@ Result<void> note_longer(const VoxelData& from, const VoxelBytes& bytes, VoxelSt
     constexpr std::uint64_t kMost = std::uint64_t{1} << 26;
     const bool last = from.index + 1 == from.volumes;
     const auto rest = SLF_TRY(stream.rest(last ? std::max(bytes.all, kMost) : 1));
-    if (last && rest > 0) add(files_of(from).back(), needs + rest);
+    if (last && rest > 0) add(from.files.back(), needs + rest);
     return {};
   }
   if (from.volumes == 0 || from.at_end) return {};
-  for (const std::string& file : files_of(from)) {
+  for (const std::string& file : from.files) {
     const auto size = SLF_TRY(file_size(file));
     if (size > needs) {
       add(file, size);
@@ -191,14 +186,14 @@ Result<void> note_longer(const VoxelData& from, const VoxelBytes& bytes, VoxelSt
 
 /// bad_file: a file that is too short for what it must hold of the volume.
 Result<void> check_lengths(const VoxelData& from, const VoxelBytes& bytes, const Volume& volume) {
-  const auto files = files_of(from);
+  const auto& files = from.files;
   const std::uint64_t end = bytes.begin + bytes.volume;
   for (std::size_t i = bytes.begin / bytes.part; i * bytes.part < end; ++i) {
     const auto size = file_size(files[i]);
-    if (!size && from.parts.empty()) return tl::unexpected(size.error());
+    if (!size && files.size() == 1) return tl::unexpected(size.error());
     if (!size)
-      return fail(size.error().code, volume.source, ": its data file ", i + 1, " of ", files.size(),
-                  " cannot be read: ", size.error().message);
+      return fail_in(size.error(), volume.source, ": its data file ", i + 1, " of ", files.size(),
+                     " cannot be read: ");
     const std::uint64_t offset = offset_in(from, bytes, *size);
     const std::uint64_t there = *size > offset ? *size - offset : 0;
     const std::uint64_t max_bytes =
@@ -222,13 +217,14 @@ Result<void> check_lengths(const VoxelData& from, const VoxelBytes& bytes, const
 
 Result<void> read_voxels(const VoxelData& given, Volume& volume) {
   VoxelData from = given;
-  if (!from.packed && !from.at_end && from.parts.empty() && is_named_and_packed(from.path)) {
+  if (!from.packed && !from.at_end && from.files.size() == 1 &&
+      is_named_and_packed(from.files[0])) {
     from.packed = true;
     from.skip += std::exchange(from.offset, 0);
   }
   const auto bytes = SLF_TRY(count_bytes(from, volume));
   SLF_TRY(check_lengths(from, bytes, volume));
-  for (const std::string& file : files_of(from)) volume.files.push_back(file);
+  volume.files.insert(volume.files.end(), from.files.begin(), from.files.end());
   VoxelStream stream(from, bytes);
   const std::size_t width = bytes_per_voxel(volume.type);
   const std::uint64_t needed = voxel_bytes(volume), run = from.run * width;
@@ -243,7 +239,7 @@ Result<void> read_voxels(const VoxelData& given, Volume& volume) {
         SLF_TRY(read_component(stream, from, width, std::span(volume.voxels).subspan(done)));
     done += got;
     if (got != wanted)
-      return bad_file(from.path, "expected ", needed, " bytes of voxels, found ", done,
+      return bad_file(from.files.front(), "expected ", needed, " bytes of voxels, found ", done,
                       ": the file is truncated, or its header is wrong");
   }
   SLF_TRY(note_longer(from, bytes, stream, volume));

@@ -1,7 +1,5 @@
 // VTK ImageData (.vti, and .pvti with its pieces in files),
 // https://docs.vtk.org/en/latest/design_documents/VTKFileFormats.html.
-//
-// Why not VTK's own reader? It allocates by extents that it does not check, and reports on stderr.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -49,10 +47,10 @@ Result<Extent> parse_extent(const std::string& path, const std::string& text, bo
   return extent;
 }
 
-std::array<std::uint64_t, 3> sizes_of(const Extent& extent) {
-  std::array<std::uint64_t, 3> sizes{};
+std::vector<std::uint64_t> sizes_of(const Extent& extent) {
+  std::vector<std::uint64_t> sizes;
   for (std::size_t i = 0; i < 3; ++i)
-    sizes[i] = static_cast<std::uint64_t>(extent.high[i] - extent.low[i] + 1);
+    sizes.push_back(static_cast<std::uint64_t>(extent.high[i] - extent.low[i] + 1));
   return sizes;
 }
 
@@ -128,8 +126,8 @@ Result<std::vector<Part>> read_parts(const VtiDocument& d, ScalarType type, std:
     const std::string file = beside(d.path, piece.source);
     const auto in_file = read_vti_document(file, d.array.name);
     if (!in_file)
-      return fail(in_file.error().code, d.path, ": its piece ", parts.size() + 1, " of ",
-                  d.pieces.size(), " cannot be read: ", in_file.error().message);
+      return fail_in(in_file.error(), d.path, ": its piece ", parts.size() + 1, " of ",
+                     d.pieces.size(), " cannot be read: ");
     if (in_file->type != "ImageData" || in_file->pieces.size() != 1)
       return bad_file(file, "a VTK file of ", in_quotes(in_file->type), " with ",
                       in_file->pieces.size(), " pieces, expected one piece of ImageData");
@@ -191,8 +189,7 @@ bool looks_like_vti(std::string_view head) { return head.find("<VTKFile") < 4096
 
 Result<Volume> read_vti(const std::string& path, std::string_view, const VolumeOptions& options) {
   const auto d = SLF_TRY(read_vti_document(path, options.array));
-  Volume volume;
-  volume.source = path;
+  Volume volume{.source = path};
   if (d.type != "ImageData" && d.type != "PImageData")
     return unsupported(path, "a VTK file of ", in_quotes(d.type),
                        ", expected ImageData: resample it to an image");

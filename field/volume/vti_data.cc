@@ -1,7 +1,5 @@
 // The array of a VTK ImageData file: text, base64 or raw bytes, plain or in packed blocks.
 #include <lz4.h>
-#include <lzma.h>
-#include <zlib.h>
 
 #include <algorithm>
 #include <array>
@@ -45,12 +43,14 @@ Result<std::uint64_t> read_count(const VtiDocument& d, const Source& source,
 /// Unpacks a block. False: it is damaged, or has another size.
 using Unpack = bool (*)(std::span<const std::byte> in, std::span<std::byte> out);
 
-bool unpack_zlib(std::span<const std::byte> in, std::span<std::byte> out) {
-  uLongf length = static_cast<uLongf>(out.size());
-  return uncompress(reinterpret_cast<Bytef*>(out.data()), &length,
-                    reinterpret_cast<const Bytef*>(in.data()),
-                    static_cast<uLong>(in.size())) == Z_OK &&
-         length == out.size();
+template <Packing packing>
+bool unpack_stream(std::span<const std::byte> in, std::span<std::byte> out) {
+  const auto unpacker = Unpacker::make(packing);
+  auto state = Unpacker::State::more;
+  // The second step reads the checksum, if the first filled `out` before.
+  for (int step = 0; step < 2 && state == Unpacker::State::more; ++step)
+    state = unpacker->step(in, out);
+  return state == Unpacker::State::ended && out.empty();
 }
 
 bool unpack_lz4(std::span<const std::byte> in, std::span<std::byte> out) {
@@ -59,24 +59,16 @@ bool unpack_lz4(std::span<const std::byte> in, std::span<std::byte> out) {
                              static_cast<int>(out.size())) == static_cast<int>(out.size());
 }
 
-bool unpack_lzma(std::span<const std::byte> in, std::span<std::byte> out) {
-  std::uint64_t memory = std::uint64_t{1} << 28;  // more than the best level of xz takes
-  std::size_t from = 0, to = 0;
-  return lzma_stream_buffer_decode(
-             &memory, 0, nullptr, reinterpret_cast<const std::uint8_t*>(in.data()), &from,
-             in.size(), reinterpret_cast<std::uint8_t*>(out.data()), &to, out.size()) == LZMA_OK &&
-         to == out.size();
-}
-
 struct Compressor {
   const char* name;
   Unpack unpack;
   std::uint64_t max_expansion;  ///< the most bytes that one can become, by the format
 };
 
-constexpr std::array<Compressor, 3> kCompressors = {{{"vtkZLibDataCompressor", unpack_zlib, 1032},
-                                                     {"vtkLZ4DataCompressor", unpack_lz4, 255},
-                                                     {"vtkLZMADataCompressor", unpack_lzma, 8192}}};
+constexpr std::array<Compressor, 3> kCompressors = {
+    {{"vtkZLibDataCompressor", unpack_stream<Packing::zlib>, 1032},
+     {"vtkLZ4DataCompressor", unpack_lz4, 255},
+     {"vtkLZMADataCompressor", unpack_stream<Packing::xz>, 8192}}};
 
 /// Decodes packed blocks into `to`, which grows with the decoded data.
 Result<void> read_blocks(const VtiDocument& d, const Compressor& compressor, const Source& source,

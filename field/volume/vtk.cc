@@ -1,7 +1,6 @@
 // Legacy VTK files (.vtk) of structured points, as text or binary.
 // https://docs.vtk.org/en/latest/vtk_file_formats/vtk_legacy_file_format.html
 //
-// Why not VTK's own reader? It allocates by counts that it does not check, and reports on stderr.
 // The list of arrays is read first, without their numbers; then the numbers of one.
 #include <algorithm>
 #include <array>
@@ -137,7 +136,7 @@ class VtkParser {
       return {};
     }
     if (keyword == "metadata") {
-      while (!file_.at_end() && !trim(file_.line()).empty()) continue;  // up to an empty line
+      skip_metadata();
       return {};
     }
     if (keyword == "field") return field(argument(2));
@@ -166,6 +165,11 @@ class VtkParser {
     return expected("a keyword of a legacy VTK file", parts[0]);
   }
 
+  /// They end with an empty line.
+  void skip_metadata() {
+    while (!file_.at_end() && !trim(file_.line()).empty()) continue;
+  }
+
   Result<void> vector(const Words& parts, glm::dvec3& to) const {
     for (int i = 0; i < 3; ++i) {
       const auto at = static_cast<std::size_t>(i) + 1;
@@ -187,7 +191,7 @@ class VtkParser {
       while (!file_.at_end() && trim(text = file_.line()).empty()) continue;
       const auto parts = words(text);
       if (!parts.empty() && lower_case(parts[0]) == "metadata") {
-        while (!file_.at_end() && !trim(file_.line()).empty()) continue;
+        skip_metadata();
         --i;
         continue;
       }
@@ -316,9 +320,7 @@ Result<Volume> read_vtk(const std::string& path, std::string_view, const VolumeO
   if (chosen == document.arrays.end())
     return misuse(path, "no array ", in_quotes(*options.array), "; there are ", names);
   const Array& array = *chosen;
-  Volume volume;
-  volume.source = path;
-  volume.type = array.type;
+  Volume volume{.type = array.type, .source = path};
   if (document.arrays.size() > 1 && !options.array)
     volume.notes.push_back(concat("of its ", document.arrays.size(), " arrays (", names, "), ",
                                   in_quotes(array.name), " is read"));
@@ -328,7 +330,7 @@ Result<Volume> read_vtk(const std::string& path, std::string_view, const VolumeO
                     " tuples, but the dimensions are ", joined(volume.dims, "x"));
   SLF_TRY(choose(path, options.time, 1, "time point"));
   const auto component = SLF_TRY(choose(path, options.component, array.components, "component"));
-  const VoxelData data{.path = path,
+  const VoxelData data{.files = {path},
                        .offset = array.offset,
                        .big_endian = true,
                        .components = static_cast<std::uint32_t>(array.components),

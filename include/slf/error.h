@@ -90,6 +90,15 @@ template <class Of, class... Parts>
   return fail(ErrorCode::usage, of, ": ", parts...);
 }
 
+/// The same error, with a place before its message:
+/// `return fail_in(size.error(), path, ": its data file cannot be read: ");`
+template <class... Place>
+[[nodiscard]] tl::unexpected<Error> fail_in(const Error& error, const Place&... place) {
+  auto within = fail(error.code, place..., error.message);
+  within.value().choice = error.choice;
+  return within;
+}
+
 /// fail() for what the caller can settle by this member of the options.
 template <class... Parts>
 [[nodiscard]] tl::unexpected<Error> fail_without(const char* choice, ErrorCode code,

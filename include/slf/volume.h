@@ -49,7 +49,7 @@ using LabelTable = std::map<std::int64_t, LabelStyle>;
 struct Volume {
   std::array<std::uint32_t, 3> dims{};
   ScalarType type = ScalarType::u8;
-  std::vector<std::byte> voxels;  ///< native endian, dims product × bytes_per_voxel(type)
+  std::vector<std::byte> voxels{};  ///< native endian, dims product × bytes_per_voxel(type)
   /// Instead of `voxels`, which is then empty: the same bytes where the program has them already,
   /// aligned to their type. They must not change as long as a copy of this pointer exists. Readers
   /// leave it null.
@@ -64,16 +64,16 @@ struct Volume {
   /// Whether values are ids, which must not be interpolated, rather than amounts.
   bool labels = false;
   LabelTable label_styles{};  ///< names and colours of ids, if the file has them (DICOM SEG)
-  std::string source;         ///< the path it was read from, for messages and provenance
+  std::string source{};       ///< the path it was read from, for messages and provenance
   /// All files it was read from, headers and data. Scene::files() lists them, so that no build
   /// replaces one; add others that matter, such as that of a transfer function.
-  std::vector<std::string> files;
-  std::string unit;  ///< of world coordinates: "mm", "µm", "Å", …; empty: not stated
+  std::vector<std::string> files{};
+  std::string unit{};  ///< of world coordinates: "mm", "µm", "Å", …; empty: not stated
   /// If the format has several ways to state the position: the one that was used, such as
   /// "sform (code 4)"; else empty.
-  std::string placement;
+  std::string placement{};
   /// Decisions of the reader that a person may want to check, one line each.
-  std::vector<std::string> notes;
+  std::vector<std::string> notes{};
 
   /// The bytes of the voxels: `borrowed` or `voxels`.
   [[nodiscard]] std::span<const std::byte> bytes() const;

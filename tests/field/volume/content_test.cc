@@ -1,5 +1,5 @@
 // A volume's content is one text: equal for equal voxels in equal places, and for nothing else.
-#include "field/volume/content.h"
+#include "field/volume/content_hash.h"
 
 #include <gtest/gtest.h>
 
