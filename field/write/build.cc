@@ -262,10 +262,7 @@ Result<void> write_missing(BuildJob& job, std::uint64_t begin, std::uint64_t end
   auto committed_at = Clock::now();
   const auto new_maker = [&] {
     return [&, traced = TracedTile()](std::uint64_t k) mutable {
-      const auto make = [&] { return job.make(job.key(begin + k), traced); };
-      return guarded(make).map_error([&](const Error& error) {
-        return Error{error.code, path + ": " + error.message};
-      });
+      return at_place(guarded([&] { return job.make(job.key(begin + k), traced); }), path);
     };
   };
   const auto put = [&](std::uint64_t k, EncodedTile tile) -> Result<void> {
