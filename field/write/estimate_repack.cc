@@ -56,8 +56,8 @@ class SampleEncoder {
     if (!is_stored) return std::nullopt;
     std::vector<Bytes> kept;
     std::vector<ReferenceSamples> from;
-    for (const Reference& reference : coder_.choose(key, samples)) {
-      const bool has_samples = SLF_TRY(read(reference.tile, kept.emplace_back()));
+    for (const TileKey reference : coder_.choose(key, samples)) {
+      const bool has_samples = SLF_TRY(read(reference, kept.emplace_back()));
       if (has_samples) from.push_back({reference, kept.back()});
     }
     SLF_TRY(coder_.encode(key, samples, from, payload));
