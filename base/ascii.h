@@ -1,6 +1,8 @@
-// Text of files and protocols as ASCII: lower case, and without what is around it.
+// Text of files and protocols as ASCII: lower case, without what is around it, and numbers.
 #pragma once
 
+#include <charconv>
+#include <optional>
 #include <string>
 #include <string_view>
 
@@ -23,6 +25,16 @@ namespace slf {
 /// Without the mark that some programs begin UTF-8 with.
 [[nodiscard]] inline std::string_view without_byte_order_mark(std::string_view text) {
   return text.substr(text.starts_with("\xef\xbb\xbf") ? 3 : 0);
+}
+
+/// The number that the whole text is, in an optional format of std::from_chars(); nullopt if it is
+/// something else, or too large.
+template <class Number, class... Format>
+[[nodiscard]] std::optional<Number> parse_number(std::string_view text, Format... format) {
+  Number value{};
+  const char* const end = text.data() + text.size();
+  const auto parsed = std::from_chars(text.data(), end, value, format...);
+  return parsed.ec == std::errc() && parsed.ptr == end ? std::optional(value) : std::nullopt;
 }
 
 }  // namespace slf

@@ -1,7 +1,8 @@
-// SLF_TRY: the value of a Result, or out of the function with its Error.
+// SLF_TRY: the value of a Result, or out of the function with its Error; at_place() names where.
 //
 //   const auto field = SLF_TRY(Field::open(path));  // in a function that returns a Result
 //   SLF_TRY(writer.commit());
+//   const auto size = SLF_TRY(at_place(file_size(part), path, ": part ", k));
 //
 // It is a statement expression of GCC and Clang. It stands alone: as a statement, as all of an
 // initializer, an assigned value or an operand of `return`. Never in an argument list, in braces or
@@ -12,16 +13,28 @@
 #include <type_traits>
 #include <utility>
 
+#include "base/join.h"
 #include "slf/error.h"
 
-namespace slf::internal {
+namespace slf {
+
+/// The result; if it failed, with a place before the message, "PLACE: MESSAGE". `place`: streamable
+/// parts.
+template <class T, class... Place>
+[[nodiscard]] Result<T> at_place(Result<T> result, const Place&... place) {
+  if (!result) result.error().message = concat(place..., ": ", result.error().message);
+  return result;
+}
+
+namespace internal {
 
 template <class T>
 T value_of(Result<T>&& result) {
   if constexpr (!std::is_void_v<T>) return *std::move(result);
 }
 
-}  // namespace slf::internal
+}  // namespace internal
+}  // namespace slf
 
 // The name is another one each time, for results within results.
 #define SLF_TRY_AS(result, ...)                                    \

@@ -51,8 +51,8 @@ int main(int argc, char** argv) {
       samples.resize(file.tile_shape(tile.key).bytes());
       bench::expect(file.store().check(tile));
       std::vector<ReferenceSamples> from;
-      for (const Reference& reference : bench::expect(file.references(tile)))
-        from.push_back({reference, bench::expect(references.load(reference.tile)).samples()});
+      for (const TileKey reference : bench::expect(file.references(tile)))
+        from.push_back({reference, bench::expect(references.load(reference)).samples()});
       bench::expect(file.decode(tile, from, samples));
       hash = XXH3_64bits_withSeed(samples.data(), samples.size(), hash);
     }

@@ -15,6 +15,7 @@
 #include <numeric>
 #include <string_view>
 
+#include "benchmarks/predictive_weights.h"
 #include "codec/predictive_codec.h"
 #include "codec/zstd_frame.h"
 #include "field/geometry/tile_order.h"
@@ -45,7 +46,7 @@ T expect(Result<T> result) {
 /// A part of a tile that chooses a set of models.
 struct Part {
   std::size_t field = 0, level_kind = 0;
-  std::size_t plane = 0;  // codec::kCodedPlanes: levels of alpha
+  std::size_t plane = 0;  // codec::kPlanes: levels of alpha
   struct Symbol {
     std::uint16_t model, value;
     std::uint32_t count;
@@ -96,10 +97,10 @@ void collect(const FieldFile& field, std::size_t number, int quality, Training& 
   });
   TileCache cache(field, 64 << 20);
   std::map<TileKey, Bytes> decoded;
-  const auto samples_of_all = [&](const std::vector<Reference>& references) {
+  const auto samples_of_all = [&](const std::vector<TileKey>& references) {
     std::vector<ReferenceSamples> from;
-    for (const Reference& reference : references)
-      if (const auto found = decoded.find(reference.tile); found != decoded.end())
+    for (const TileKey reference : references)
+      if (const auto found = decoded.find(reference); found != decoded.end())
         from.push_back({reference, found->second});
     return from;
   };
@@ -123,9 +124,8 @@ void collect(const FieldFile& field, std::size_t number, int quality, Training& 
       if (!list.entries().empty())
         training.parts.push_back(make_part(list, {number, level_kind, plane, {}}));
     };
-    add(symbols.alpha, codec::kCodedPlanes);
-    for (std::size_t plane = 0; plane < codec::kCodedPlanes; ++plane)
-      add(symbols.planes[plane], plane);
+    add(symbols.alpha, codec::kPlanes);
+    for (std::size_t plane = 0; plane < codec::kPlanes; ++plane) add(symbols.planes[plane], plane);
     if (key.level == shape.levels) continue;
     Bytes back(samples.size());
     expect(tiles.decode(key, payload, samples_of_all(tiles.references(key, payload)), back));
@@ -200,7 +200,7 @@ class Sets {
         const double sum = std::accumulate(shared.begin(), shared.end(), 0.);
         for (std::size_t k = 0; k < size; ++k) own[k] += kPrior * shared[k] / sum;
         const std::span stored = std::span(weights_[set]).subspan(begin, size);
-        codec::store_weights(own, stored);
+        bench::store_weights(own, stored);
         const codec::SymbolModel coded(stored);
         for (std::size_t k = 0; k < size; ++k)
           bits_[set][begin + k] =
@@ -222,12 +222,12 @@ struct Models {
     std::vector<const Part*> of_alpha, of_blocks;
     for (const Part& part : training.parts)
       if (part.field != without)
-        (part.plane == codec::kCodedPlanes ? of_alpha : of_blocks).push_back(&part);
+        (part.plane == codec::kPlanes ? of_alpha : of_blocks).push_back(&part);
     alpha.train(of_alpha, alpha_sets);
     blocks.train(of_blocks, block_sets);
   }
   [[nodiscard]] const Sets& of(const Part& part) const {
-    return part.plane == codec::kCodedPlanes ? alpha : blocks;
+    return part.plane == codec::kPlanes ? alpha : blocks;
   }
 };
 
@@ -251,7 +251,7 @@ void cross_validate(const Training& training, char** names, std::size_t alpha_se
 Bytes packed_models(const Training& training, std::size_t alpha_sets, std::size_t block_sets) {
   const Models models(training, alpha_sets, block_sets, training.bytes.size());
   std::array<std::vector<double>, 2> alpha_choices;
-  std::array<std::array<std::vector<double>, codec::kCodedPlanes>, 2> block_choices;
+  std::array<std::array<std::vector<double>, codec::kPlanes>, 2> block_choices;
   for (std::size_t kind = 0; kind < 2; ++kind) {
     alpha_choices[kind].assign(alpha_sets + 1, 1);
     for (auto& choices : block_choices[kind]) choices.assign(block_sets + 1, 1);
@@ -259,16 +259,16 @@ Bytes packed_models(const Training& training, std::size_t alpha_sets, std::size_
   std::array<double, 2> tiles{1, 1};
   for (const Part& part : training.parts) {
     const std::size_t kind = part.level_kind, set = models.of(part).best(part).first;
-    if (part.plane == codec::kCodedPlanes)
+    if (part.plane == codec::kPlanes)
       ++alpha_choices[kind][set];
     else
       ++block_choices[kind][part.plane][set];
-    if (part.plane == codec::kSoftAlpha) ++alpha_choices[kind][alpha_sets];
-    if (part.plane == codec::kDepth) ++tiles[kind];
+    if (part.plane == codec::kAlphaPlane) ++alpha_choices[kind][alpha_sets];
+    if (part.plane == codec::kDepthPlane) ++tiles[kind];
   }
   // Planes of zeros are not among the parts.
   for (std::size_t kind = 0; kind < 2; ++kind)
-    for (std::size_t plane = codec::kDepth; plane < codec::kCodedPlanes; ++plane) {
+    for (std::size_t plane = codec::kDepthPlane; plane < codec::kPlanes; ++plane) {
       auto& choices = block_choices[kind][plane];
       choices.back() =
           std::max(1., tiles[kind] - std::accumulate(choices.begin(), choices.end(), 0.));
@@ -279,13 +279,13 @@ Bytes packed_models(const Training& training, std::size_t alpha_sets, std::size_
     for (const auto& of_kind : of_level)
       for (const auto& [unused, used] : of_kind)
         packed.push_back(static_cast<std::byte>(
-            codec::byte_of_probability((used + 0.4) / (unused + used + 0.8))));
+            bench::byte_of_probability((used + 0.4) / (unused + used + 0.8))));
   packed.push_back(static_cast<std::byte>(alpha_sets));
   packed.push_back(static_cast<std::byte>(block_sets));
   std::vector<std::uint8_t> weights;
   const auto store = [&](const std::vector<double>& counts) {
     weights.resize(weights.size() + counts.size());
-    codec::store_weights(counts, std::span(weights).last(counts.size()));
+    bench::store_weights(counts, std::span(weights).last(counts.size()));
   };
   for (std::size_t kind = 0; kind < 2; ++kind) {
     store(alpha_choices[kind]);

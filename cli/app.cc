@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <numeric>
+#include <sstream>
 
 #include "cli/command.h"
 
@@ -58,20 +59,15 @@ std::vector<std::string> option_names(const CLI::App& command) {
   return names;
 }
 
-/// The option that a message of CLI11 is about, which begins with its name or contains it. Errors
-/// of CLI11 do not say so in any other way.
+/// The option that a message of CLI11 is about: the first that it names. Errors of CLI11 do not say
+/// so in any other way.
 const CLI::Option* option_of(const CLI::App& command, const std::string& message) {
-  const CLI::Option* found = nullptr;
-  std::size_t length = 0;
-  for (const CLI::Option* option : command.get_options()) {
-    const std::string name = option->get_name();
-    const std::size_t at = message.find(name);
-    const char after = at == std::string::npos ? 'x' : (message + " ")[at + name.size()];
-    if (std::isalnum(static_cast<unsigned char>(after)) || after == '-' || name.size() < length)
-      continue;
-    found = option, length = name.size();
+  std::istringstream words(message);
+  for (std::string word; words >> word;) {
+    if (word.ends_with(':')) word.pop_back();
+    if (const CLI::Option* const option = command.get_option_no_throw(word)) return option;
   }
-  return found;
+  return nullptr;
 }
 
 void add_help(CLI::App& app, Run& run) {
@@ -117,16 +113,14 @@ std::unique_ptr<CLI::App> make_app(Run& run) {
     add(*app, run);
   app->footer(std::string(kFirstField) + kFooter);
   for (CLI::App* command : app->get_subcommands({}))
-    for (CLI::Option* option : command->get_options())
-      if (const std::string type = option->get_type_name(); type == "UINT" || type == "INT")
-        option->type_name("N");
-      else if (type == "FLOAT")
-        option->type_name("NUMBER");
-  for (CLI::App* command : app->get_subcommands({}))
-    for (CLI::Option* option : command->get_options())
+    for (CLI::Option* option : command->get_options()) {
+      const std::string type = option->get_type_name();
+      if (type == "UINT" || type == "INT") option->type_name("N");
+      if (type == "FLOAT") option->type_name("NUMBER");
       if (option->get_default_str() == "[]" ||
           option->get_description().find("default: ") != std::string::npos)
         option->default_str("");
+    }
   return app;
 }
 

@@ -305,7 +305,7 @@ Result<void> run_info(const InfoArguments& arguments) {
     return {};
   }
   const auto field = SLF_TRY(open_field(input, arguments.state));
-  const auto whole = SLF_TRY(field.file().in_state(FieldFile::kAllStates));
+  const auto whole = SLF_TRY(FieldFile::open(field.file().store(), FieldFile::kAllStates));
   const auto content = SLF_TRY(arguments.state.empty() ? whole->content() : field.content());
   if (arguments.json)
     print_json(field_json(field, content));

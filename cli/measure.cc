@@ -51,37 +51,16 @@ struct MeasureArguments {
   bool json = false;
 };
 
-/// The setting that one line of the table shows.
-struct Setting {
-  std::string field, codec;
-  PixelSize size;
-  double distance = 0;
-  RenderMode mode{};
-};
-
-nlohmann::json setting_json(const Setting& s, const Measurement& m, std::uint32_t views) {
+nlohmann::json levels_json(const std::vector<LevelMeasure>& measured) {
   nlohmann::json levels = nlohmann::json::array();
-  for (const LevelMeasure& level : m.levels) {
+  for (const LevelMeasure& level : measured) {
     levels.push_back(level_json(level));
     levels.back()["level"] = level.level;
   }
-  return {{"field", s.field},
-          {"codec", s.codec},
-          {"views", views},
-          {"mode", name(s.mode)},
-          {"width_pixels", s.size.width},
-          {"height_pixels", s.size.height},
-          {"distance_radii", s.distance},
-          {"levels", levels},
-          {"total", level_json(m.total)},
-          {"kernel_counted", m.kernel_counted},
-          {"rss_anon_peak_bytes", m.rss_anon_peak},
-          {"rss_file_peak_bytes", m.rss_file_peak}};
+  return levels;
 }
 
-void print_measurement(const Setting& s, const Measurement& m, std::uint32_t views) {
-  print("{} ({}): {} random views, {} pixels, eye at {} R, mode {}; mean (max)\n", s.field, s.codec,
-        views, to_string(s.size), s.distance, name(s.mode));
+void print_measurement(const Measurement& m) {
   std::vector<std::string> rows{
       "level\tpairs crossed\ttiles touched\tof field\tcompressed\tpages\tkernel\tmapped\t"
       "decoded peak"};
@@ -125,10 +104,23 @@ Result<void> run_measure(const MeasureArguments& a) {
           const auto m = SLF_TRY(
               measure_views(field, options, progress_bar("measure", "views", OnSignal::end)));
 
-          const Setting setting{path, field.codec(), size, distance, view.mode};
-          if (!a.json) print_measurement(setting, m, a.views.views);
+          runs.push_back({{"field", path},
+                          {"codec", field.codec()},
+                          {"views", a.views.views},
+                          {"mode", name(view.mode)},
+                          {"width_pixels", size.width},
+                          {"height_pixels", size.height},
+                          {"distance_radii", distance},
+                          {"levels", levels_json(m.levels)},
+                          {"total", level_json(m.total)},
+                          {"kernel_counted", m.kernel_counted},
+                          {"rss_anon_peak_bytes", m.rss_anon_peak},
+                          {"rss_file_peak_bytes", m.rss_file_peak}});
+          if (a.json) continue;
+          print("{} ({}): {} random views, {} pixels, eye at {} R, mode {}; mean (max)\n", path,
+                field.codec(), a.views.views, to_string(size), distance, name(view.mode));
+          print_measurement(m);
           std::fflush(stdout);  // a signal ends the next one
-          runs.push_back(setting_json(setting, m, a.views.views));
         }
   }
   if (a.json) print_json({{"runs", runs}});

@@ -34,8 +34,8 @@ Result<void> run_merge(const MergeArguments& a) {
 }  // namespace
 
 void add_merge(CLI::App& app, Run& run) {
-  auto* command = app.add_subcommand("merge", "Join parts of a field: shards, levels, subfields");
-  auto a = std::make_shared<MergeArguments>();
+  const auto [command, a] =
+      add_command(app, run, "merge", "Join parts of a field: shards, levels, subfields", run_merge);
   add_file(*command, "PARTS", a->parts, "Parts of one field, in any order; not touched", kFieldFile)
       ->required();
   add_file(*command, "-o,--output", a->output, "The field to write", kFieldFile)->required();
@@ -46,7 +46,6 @@ void add_merge(CLI::App& app, Run& run) {
   add_bytes(*command, "--memory", a->merge.memory, "Budget for tiles and records under way");
   add_threads(*command, a->merge.threads);
   command->add_flag("--json", a->json, "JSON on stdout");
-  command->callback([a, &run] { run = [a] { return run_merge(*a); }; });
 }
 
 }  // namespace slf::cli

@@ -14,16 +14,11 @@
 namespace slf::cli {
 namespace {
 
-std::string scaled(double value, double base, const std::array<const char*, 5>& units,
-                   const char* separator) {
+std::string scaled(double value, double base, const std::array<const char*, 5>& units) {
   std::size_t unit = 0;
   while (value >= base && unit + 1 < units.size()) value /= base, ++unit;
-  return unit == 0 ? fmt::format("{:.0f}{}{}", value, separator, units[0])
-                   : fmt::format("{:.{}f}{}{}", value,
-                                 value < 10    ? 2
-                                 : value < 100 ? 1
-                                               : 0,
-                                 separator, units[unit]);
+  const int digits = unit == 0 || value >= 100 ? 0 : value < 10 ? 2 : 1;
+  return fmt::format("{:.{}f} {}", value, digits, units[unit]);
 }
 
 }  // namespace
@@ -82,10 +77,10 @@ std::string text_of(const nlohmann::json& json, const char* key, const std::stri
 }
 
 std::string human_bytes(double bytes) {
-  return scaled(bytes, 1024, {"B", "KiB", "MiB", "GiB", "TiB"}, " ");
+  return scaled(bytes, 1024, {"B", "KiB", "MiB", "GiB", "TiB"});
 }
 
-std::string human_count(double count) { return scaled(count, 1000, {"", "k", "M", "G", "T"}, " "); }
+std::string human_count(double count) { return scaled(count, 1000, {"", "k", "M", "G", "T"}); }
 
 void keep_freed_memory() {
 #ifdef __GLIBC__

@@ -56,7 +56,7 @@ Result<void> split(const RepackArguments& a, std::span<const StateSource> states
     const std::string path = name_of_state(a.output, state.name);
     const auto report = SLF_TRY(
         repack_field(state.field, path, options, progress_bar("repack", "tiles", OnSignal::stop)));
-    print("{}: {}\n", path, human_bytes(static_cast<double>(report.file_bytes)));
+    print("{}: {}\n", path, human_bytes(report.file_bytes));
   }
   return {};
 }

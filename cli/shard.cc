@@ -1,11 +1,11 @@
 // --shard and related options, which choose the part of a field that this process builds. The user
 // chooses it, or the engine that started the process does.
 #include <algorithm>
-#include <charconv>
 #include <cstdlib>
 #include <sstream>
 #include <tuple>
 
+#include "base/ascii.h"
 #include "cli/command.h"
 
 namespace slf::cli {
@@ -17,11 +17,8 @@ constexpr std::uint64_t kMaxShards = 10'000'000;
 std::optional<std::uint64_t> number_in(const char* variable) {
   const char* const text = std::getenv(variable);
   if (!text) return std::nullopt;
-  std::uint64_t value = 0;
-  const std::string_view digits(text);
-  const auto [end, error] = std::from_chars(digits.begin(), digits.end(), value);
-  if (error != std::errc() || end != digits.end() || value > kMaxShards) return std::nullopt;
-  return value;
+  const auto value = parse_number<std::uint64_t>(text);
+  return value && *value <= kMaxShards ? value : std::nullopt;
 }
 
 /// An engine that starts several processes together, as seen in their environment.

@@ -70,9 +70,7 @@ Result<void> share_light(const nlohmann::json& state, const std::vector<NamedSce
   const std::string name = text_of(state, kLightFrom, "");
   const auto from = std::ranges::find(made, name, &NamedScene::name);
   if (from == made.end()) return misuse(kLightFrom, "no earlier state is named '", name, "'");
-  return scene.share_light(from->scene).map_error([&](const Error& error) {
-    return Error{error.code, fmt::format("{}: '{}': {}", kLightFrom, name, error.message)};
-  });
+  return at_place(scene.share_light(from->scene), kLightFrom, ": '", name, "'");
 }
 
 /// usage: one of the states in `files` keeps its light in the same file.
@@ -136,7 +134,7 @@ Result<std::vector<NamedScene>> make_states(const std::string& file, const Sourc
       scene = hinted(std::move(scene));
       auto ok = scene ? share_light(state, made, **scene) : tl::unexpected(scene.error());
       if (ok && last.empty()) ok = check_light_file(state, *own, name, light_files);
-      if (!ok) return fail(ok.error().code, file, ": state '", stem, "': ", ok.error().message);
+      SLF_TRY(at_place(std::move(ok), file, ": state '", stem, "'"));
       made.push_back({name, std::move(*scene)});
       if (name == last || (!named && std::to_string(made.size() - 1) == last)) return made;
       if (!all) break;

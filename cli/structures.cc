@@ -28,9 +28,8 @@ Result<Field> DrawArguments::open(const FieldArguments& arguments) const {
   const auto field = SLF_TRY(arguments.open());
   if (structures.empty())
     return arguments.state.empty() ? all_structures(field) : Result<Field>(field);
-  const auto looks = parse_structures(structures);
-  if (!looks) return fail(looks.error().code, "--structure: ", looks.error().message);
-  return compose_looks(field, *looks, [&](const std::string& name) {
+  const auto looks = SLF_TRY(at_place(parse_structures(structures, field.states()), "--structure"));
+  return compose_looks(field, looks, [&](const std::string& name) {
     return name == arguments.path ? Result<Field>(field) : open_field(name);
   });
 }

@@ -16,10 +16,7 @@ namespace {
 constexpr const char* kViews = "Saved views and notes that the page shows (schemas/views.json)";
 constexpr const char* kViewsFile = "VIEWS.json";
 /// What the page shows first.
-struct FirstArguments {
-  std::string state;
-  std::vector<std::string> structures;
-
+struct FirstArguments : view::First {
   void add_to(CLI::App& command) {
     add_state(command, "--state", state,
               "The state that the page shows first: its name or number, from 0");
@@ -28,10 +25,6 @@ struct FirstArguments {
                     "A structure that the page shows first, as in slf render (repeatable)")
         ->type_name("NAME[:OPACITY][:#RRGGBB]")
         ->allow_extra_args(false);
-  }
-  [[nodiscard]] Result<view::First> first() const {
-    auto looks = SLF_TRY(parse_structures(structures));
-    return view::First{state, std::move(looks)};
   }
 };
 
@@ -59,7 +52,7 @@ Result<void> run_view(const ViewArguments& arguments) {
   options.port = arguments.port;
   options.frames = arguments.frames;
   if (!arguments.views.empty()) options.views = SLF_TRY(view::read_views(arguments.views));
-  options.first = SLF_TRY(arguments.first.first());
+  options.first = arguments.first;
   if (!arguments.bind.empty()) {
     options.address = arguments.bind;
     options.any_host = true;
@@ -87,7 +80,7 @@ Result<void> run_export(const ExportArguments& a) {
   view::ExportOptions options = a.options;
   options.existing = a.force ? Existing::replace : Existing::keep;
   if (!a.views.empty()) options.views = SLF_TRY(view::read_views(a.views));
-  options.first = SLF_TRY(a.first.first());
+  options.first = a.first;
   if (!options.states.empty()) {
     const auto field = SLF_TRY(open_field(a.field));
     options.states = join_names(field, options.states);

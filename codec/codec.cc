@@ -1,18 +1,44 @@
 #include "codec/codec.h"
 
-#include <array>
-#include <charconv>
+#include <algorithm>
+#include <cassert>
 #include <optional>
 #include <vector>
 
+#include "base/ascii.h"
 #include "base/try.h"
 #include "codec/jpeg_codec.h"
 #include "codec/predictive_codec.h"
-#include "codec/raw_codec.h"
 #include "codec/zstd_codec.h"
 
 namespace slf::codec {
 namespace {
+
+/// Stores the samples unchanged. A reader may use the payload in place.
+class RawCodec final : public Codec {
+ public:
+  std::string spec() const override { return "raw"; }
+  bool lossless() const override { return true; }
+  bool in_place() const override { return true; }
+
+  Result<void> encode(const TileShape& tile, ByteSpan samples, const Predicted*,
+                      Bytes& payload) const override {
+    assert(samples.size() == tile.bytes());
+    (void)tile;
+    payload.assign(samples.begin(), samples.end());
+    return {};
+  }
+
+  Result<void> decode(const TileShape& tile, ByteSpan payload, const Predicted*,
+                      std::span<std::byte> samples) const override {
+    assert(samples.size() == tile.bytes());
+    if (payload.size() != tile.bytes())
+      return fail(ErrorCode::bad_file, "raw tile: expected ", tile.bytes(), " bytes, found ",
+                  payload.size());
+    std::copy(payload.begin(), payload.end(), samples.begin());
+    return {};
+  }
+};
 
 constexpr int kDefaultZstdLevel = 9;
 constexpr int kDefaultJpegQuality = 75;
@@ -30,11 +56,8 @@ std::vector<std::string_view> split(std::string_view text, char separator) {
 
 // Parses an integer within low..high that takes up the whole text.
 std::optional<int> parse_int(std::string_view text, int low, int high) {
-  int value = 0;
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-  if (error != std::errc() || end != text.data() + text.size()) return std::nullopt;
-  if (value < low || value > high) return std::nullopt;
-  return value;
+  const auto value = parse_number<int>(text);
+  return value && *value >= low && *value <= high ? value : std::nullopt;
 }
 
 // The first parameter, or `otherwise` if there is none.
@@ -119,7 +142,7 @@ Result<std::unique_ptr<Codec>> make_codec(std::string_view spec, SampleFormat fo
   if (!tables.empty())
     return fail(ErrorCode::bad_file, "codec \"", spec, "\": has no shared tables, but ",
                 tables.size(), " bytes of them were found");
-  if (spec == "raw") return make_raw_codec();
+  if (spec == "raw") return std::make_unique<RawCodec>();
   if (parts[0] == "zstd") return make_zstd(spec, format, parts);
   return bad_spec(spec);
 }

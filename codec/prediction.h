@@ -14,6 +14,10 @@ struct Prediction {
   std::span<const std::uint32_t> color;  ///< not multiplied by alpha; R in the lowest byte
 };
 
+/// What is predicted by nothing: matter that is transparent, grey, and in the middle of the chord.
+inline constexpr std::uint8_t kUnpredictedAlpha = 0, kUnpredictedDepth = 128;
+inline constexpr std::uint32_t kUnpredictedColor = 0xFF808080;
+
 /// Candidates differ in how often they are used.
 inline constexpr std::size_t kReferenceKinds = 4;
 

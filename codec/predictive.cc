@@ -80,13 +80,6 @@ std::pair<std::size_t, double> best_set(const SymbolList& symbols,
   return best;
 }
 
-/// The steps of a coded plane.
-const StepRange& steps_of(const PredictiveLevel& level, std::size_t plane) {
-  constexpr std::array<PredictivePlane, kCodedPlanes> kKinds = {
-      kAlphaPlane, kDepthPlane, kLumaPlane, kChromaPlane, kChromaPlane};
-  return level.steps[kKinds[plane]];
-}
-
 }  // namespace
 
 TilePicture::TilePicture(const TileShape& tile) {
@@ -117,7 +110,7 @@ BlockPlane PredictiveEncoder::quantise(std::size_t plane, std::span<const std::u
                                        std::span<const float> weight,
                                        std::vector<float>& difference, float round_up_from) const {
   fill(picture_.width(), picture_.height(), weight, difference);
-  const std::array<std::int32_t, 64> steps = steps_of(level_, plane).steps();
+  const std::array<std::int32_t, 64> steps = level_.steps_of(plane).steps();
   const std::size_t across = picture_.width() / 8;
   BlockPlane blocks(coded.size());
   for (std::size_t b = 0; b < blocks.size(); ++b) {
@@ -189,13 +182,13 @@ PredictiveEncoder::Alpha PredictiveEncoder::soft_alpha(const Prediction& predict
         static_cast<float>(rgba[s] >> 24) - static_cast<float>(prediction.alpha[s]);
   }
   const std::vector<std::uint8_t> all(states_.size(), 1);
-  BlockPlane blocks = quantise(kSoftAlpha, all, weight, difference, kRoundUpFrom);
+  BlockPlane blocks = quantise(kAlphaPlane, all, weight, difference, kRoundUpFrom);
   Alpha made;
   made.symbols = list_plane(all, blocks);
   made.set = level_.models->alpha_sets;
   made.bits = best_set(made.symbols, level_.models->blocks).second;
   std::vector<std::int16_t> pixels(picture_.pixels());
-  const auto steps = steps_of(level_, kSoftAlpha).steps();
+  const auto steps = level_.steps_of(kAlphaPlane).steps();
   for (std::size_t b = 0; b < blocks.size(); ++b)
     if (states_[b].length > 0) restore(blocks[b], states_[b].length, steps, picture_, b, pixels);
   for (std::size_t s = 0; s < rgba.size(); ++s)
@@ -224,7 +217,7 @@ void PredictiveEncoder::encode(const Prediction& prediction, std::span<const std
   }();
   coder_.symbol(level_.level_models().alpha_set[0], static_cast<std::uint32_t>(alpha.set));
   if (soft) {
-    encode_plane(kSoftAlpha, alpha.symbols);
+    encode_plane(kAlphaPlane, alpha.symbols);
   } else {
     states_.assign(states_.size(), {});
     coder_.list(alpha.symbols, level_.models->alpha[alpha.set]->models());
@@ -251,9 +244,9 @@ void PredictiveEncoder::encode_depth(const Prediction& prediction,
     difference[pixel_of[s]] =
         static_cast<float>(depth[s]) - static_cast<float>(prediction.depth[s]);
   }
-  BlockPlane blocks =
-      quantise(kDepth, visible, weight, difference, soft ? kRoundSoftDepthUpFrom : kRoundUpFrom);
-  encode_plane(kDepth, list_plane(visible, blocks));
+  BlockPlane blocks = quantise(kDepthPlane, visible, weight, difference,
+                               soft ? kRoundSoftDepthUpFrom : kRoundUpFrom);
+  encode_plane(kDepthPlane, list_plane(visible, blocks));
 }
 
 void PredictiveEncoder::encode_color(const Prediction& prediction,
@@ -280,8 +273,8 @@ void PredictiveEncoder::encode_color(const Prediction& prediction,
     difference[2][pixel_of[s]] = (r - y) / 1.402f;
   }
   for (std::size_t c = 0; c < 3; ++c) {
-    BlockPlane blocks = quantise(kY + c, visible, weight, difference[c], kRoundUpFrom);
-    encode_plane(kY + c, list_plane(visible, blocks));
+    BlockPlane blocks = quantise(kYPlane + c, visible, weight, difference[c], kRoundUpFrom);
+    encode_plane(kYPlane + c, list_plane(visible, blocks));
   }
 }
 
@@ -335,7 +328,7 @@ bool PredictiveDecoder::decode_plane(std::size_t plane, std::span<const std::uin
     return false;
   }
   std::fill(work.difference.begin(), work.difference.end(), std::int16_t{0});
-  const std::array<std::int32_t, 64> steps = steps_of(level_, plane).steps();
+  const std::array<std::int32_t, 64> steps = level_.steps_of(plane).steps();
   const std::size_t across = picture_.width() / 8;
   SymbolDecoder decoder(coder_, level_.models->blocks[set]->models().data());
   for (std::size_t b = 0; b < work.states.size(); ++b) {
@@ -369,7 +362,7 @@ void PredictiveDecoder::decode_levels(std::size_t set, const Prediction& predict
 void PredictiveDecoder::decode_soft_alpha(const Prediction& prediction, Work& work) {
   const auto pixel_of = picture_.pixel_of();
   std::fill(work.visible.begin(), work.visible.end(), std::uint8_t{1});
-  const bool differs = decode_plane(kSoftAlpha, work.visible, work);
+  const bool differs = decode_plane(kAlphaPlane, work.visible, work);
   std::fill(work.levels.begin(), work.levels.end(), std::uint8_t{0});
   for (std::size_t s = 0; s < work.alpha.size(); ++s) {
     work.alpha[s] = snapped(prediction.alpha[s] + (differs ? work.difference[pixel_of[s]] : 0));
@@ -388,13 +381,13 @@ Result<void> PredictiveDecoder::decode(const Prediction& prediction, std::span<s
     decode_soft_alpha(prediction, work);
   find_visible(picture_, work.levels, work.visible);
 
-  const bool deeper = decode_plane(kDepth, work.visible, work);
+  const bool deeper = decode_plane(kDepthPlane, work.visible, work);
   for (std::size_t s = 0; s < depth.size(); ++s) {
     const int value = prediction.depth[s] + (deeper ? work.difference[pixel_of[s]] : 0);
     depth[s] = static_cast<std::uint8_t>(work.alpha[s] == 0 ? 0 : std::clamp(value, 0, 255));
   }
   for (std::size_t c = 0; c < 3; ++c)
-    if (decode_plane(kY + c, work.visible, work))
+    if (decode_plane(kYPlane + c, work.visible, work))
       for (std::size_t s = 0; s < rgba.size(); ++s)
         work.colors[c][s] = work.difference[pixel_of[s]];
     else

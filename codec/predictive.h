@@ -53,7 +53,7 @@ using BlockPlane = std::vector<Block>;
 struct TileSymbols {
   std::vector<std::uint8_t> kinds, used;
   SymbolList alpha;  ///< levels of alpha
-  std::array<SymbolList, kCodedPlanes> planes;
+  std::array<SymbolList, kPlanes> planes;
 };
 
 /// Keeps references to its arguments, which must outlive it.

@@ -21,7 +21,7 @@ namespace {
 constexpr std::int32_t kMaxWeight = 2047;  // in 1/256
 constexpr int kWeightBits = 12;            // of a weight plus kMaxWeight + 1
 
-/// In the order in which they are coded.
+/// Without a transform, colours are coded as they are: channels, in their order.
 enum TileChannel : std::size_t {
   kAlphaChannel,
   kDepthChannel,
@@ -191,7 +191,7 @@ ChannelCoder<Coder>::ChannelCoder(const PredictiveLevel& level, const TileShape&
 template <class Coder>
 std::int32_t ChannelCoder<Coder>::step(TileChannel channel) const {
   if (channel == kAlphaChannel) return 1;
-  const auto plane = channel == kDepthChannel ? kDepthPlane : kLumaPlane;
+  const auto plane = channel == kDepthChannel ? kDepthPlane : kYPlane;
   return std::max(1, level_.steps[plane].low / 16);
 }
 

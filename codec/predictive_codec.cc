@@ -16,7 +16,8 @@ namespace {
 Predicted unpredicted(std::size_t samples) {
   thread_local std::vector<std::uint8_t> alpha, depth;
   thread_local std::vector<std::uint32_t> color;
-  alpha.assign(samples, 0), depth.assign(samples, 128), color.assign(samples, 0xFF808080u);
+  alpha.assign(samples, kUnpredictedAlpha), depth.assign(samples, kUnpredictedDepth);
+  color.assign(samples, kUnpredictedColor);
   return {0, {}, {}, {alpha, depth, color}};
 }
 

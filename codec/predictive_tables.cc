@@ -11,7 +11,7 @@ namespace slf::codec {
 namespace {
 
 constexpr const char* kTables = "shared tables of a predictive codec";  // in errors
-constexpr std::size_t kStepBytes = kPredictivePlanes * 4;
+constexpr std::size_t kStepBytes = kPlanesWithSteps * 4;
 /// The first byte of the tables: their version. Others are of older releases, whose tiles were
 /// coded in another way.
 constexpr std::byte kVersion{2};
@@ -33,7 +33,7 @@ constexpr std::size_t symbols_of(const std::array<ModelGroup, kGroups>& groups) 
 }
 
 std::size_t stored_weights(std::size_t alpha_sets, std::size_t block_sets) {
-  return 2 * (alpha_sets + 1 + kCodedPlanes * (block_sets + 1)) +
+  return 2 * (alpha_sets + 1 + kPlanes * (block_sets + 1)) +
          alpha_sets * symbols_of(AlphaModels::kGroups) +
          block_sets * symbols_of(BlockModels::kGroups);
 }
@@ -46,7 +46,7 @@ void read_weights(std::span<const std::uint8_t> weights, PredictiveModels& model
   };
   for (LevelModels& level : models.levels) {
     level.alpha_set.emplace_back(next(models.alpha_sets + 1));
-    for (std::size_t plane = 0; plane < kCodedPlanes; ++plane)
+    for (std::size_t plane = 0; plane < kPlanes; ++plane)
       level.block_set.emplace_back(next(models.block_sets + 1));
   }
   const auto read_sets = [&](std::size_t count, const auto& groups, auto& to) {
@@ -128,17 +128,6 @@ std::uint16_t probability_of(std::uint8_t byte) {
   const std::uint32_t m = byte < 128 ? 2 * byte + 1u : 511u - 2 * byte;
   const std::uint32_t tail = std::max(32u, m * m / 2);
   return static_cast<std::uint16_t>(byte < 128 ? tail : 65536 - tail);
-}
-
-std::uint8_t byte_of_probability(double probability) {
-  std::size_t best = 0;
-  double min_bits = 1e9;
-  for (std::size_t byte = 0; byte < 256; ++byte) {
-    const double p = probability_of(static_cast<std::uint8_t>(byte)) / 65536.;
-    const double bits = -probability * std::log2(p) - (1 - probability) * std::log2(1 - p);
-    if (bits < min_bits) min_bits = bits, best = byte;
-  }
-  return static_cast<std::uint8_t>(best);
 }
 
 namespace {
@@ -227,7 +216,7 @@ Result<PredictiveTables> parse_predictive_tables(ByteSpan bytes) {
                           Bytes(bytes.begin() + static_cast<std::ptrdiff_t>(models), bytes.end())};
   for (std::size_t level = 0; level < levels; ++level) {
     PredictiveLevel& read = tables.levels.emplace_back();
-    for (std::size_t plane = 0; plane < kPredictivePlanes; ++plane) {
+    for (std::size_t plane = 0; plane < kPlanesWithSteps; ++plane) {
       const std::byte* at = bytes.data() + 2 + level * kStepBytes + plane * 4;
       read.steps[plane] = {load_le<std::uint16_t>(at), load_le<std::uint16_t>(at + 2)};
       if (read.steps[plane].low == 0 || read.steps[plane].high == 0)

@@ -20,8 +20,10 @@
 
 namespace slf::codec {
 
-enum PredictivePlane : std::size_t { kAlphaPlane, kDepthPlane, kLumaPlane, kChromaPlane };
-inline constexpr std::size_t kPredictivePlanes = 4;
+/// The planes of blocks in a tile, in their order. Each chooses a set of models, and has steps of
+/// its own, except Cr, which has those of Cb.
+enum PlaneIndex : std::size_t { kAlphaPlane, kDepthPlane, kYPlane, kCbPlane, kCrPlane };
+inline constexpr std::size_t kPlanes = 5, kPlanesWithSteps = 4;
 
 /// The step of a coefficient grows with its frequency, from `low` for the mean of a block to `high`
 /// for the finest detail; in 1/16 of a sample's unit, 1..65535. Samples that are coded one by one
@@ -34,10 +36,6 @@ struct StepRange {
   friend bool operator==(const StepRange&, const StepRange&) = default;
 };
 
-/// The order of the planes of blocks in a tile, each of which chooses a set of models.
-enum CodedPlane : std::size_t { kSoftAlpha, kDepth, kY, kCb, kCr };
-inline constexpr std::size_t kCodedPlanes = 5;
-
 /// The models of tiles of one kind of level: level 0, which is predicted from nothing, or another.
 struct LevelModels {
   /// Whether a candidate is a reference. These adapt where tiles are coded sample by sample.
@@ -45,7 +43,7 @@ struct LevelModels {
   Used used;
   /// Which set codes levels of alpha; one more symbol stands for a plane of blocks.
   std::vector<SymbolModel> alpha_set;
-  /// For each coded plane, which set codes it; one more symbol stands for a plane of zeros.
+  /// For each plane, which set codes it; one more symbol stands for a plane of zeros.
   std::vector<SymbolModel> block_set;
 };
 
@@ -72,10 +70,13 @@ struct PredictiveModels {
 
 /// The tiles of one level.
 struct PredictiveLevel {
-  std::array<StepRange, kPredictivePlanes> steps;
+  std::array<StepRange, kPlanesWithSteps> steps;
   std::shared_ptr<const PredictiveModels> models;
   std::size_t kind = 0;  ///< an index of models->levels
 
+  [[nodiscard]] const StepRange& steps_of(std::size_t plane) const {
+    return steps[plane == kCrPlane ? kCbPlane : plane];
+  }
   [[nodiscard]] const LevelModels& level_models() const { return models->levels[kind]; }
 };
 
@@ -110,9 +111,7 @@ struct PredictiveSettings {
 /// Parses the output of to_bytes(); untrusted. bad_file: anything else.
 [[nodiscard]] Result<PredictiveTables> parse_predictive_tables(ByteSpan bytes);
 
-/// The initial probability that a byte of the tables stands for, in 1/65536; and the byte nearest
-/// to a probability.
+/// The initial probability that a byte of the tables stands for, in 1/65536.
 [[nodiscard]] std::uint16_t probability_of(std::uint8_t byte);
-[[nodiscard]] std::uint8_t byte_of_probability(double probability);
 
 }  // namespace slf::codec

@@ -2,14 +2,11 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numeric>
 
 namespace slf::codec {
 namespace {
 
 constexpr std::uint32_t kTotal = 1u << SymbolModel::kBits;
-
-constexpr std::uint32_t weight_of(std::uint8_t stored) { return (4u + stored % 4) << (stored / 4); }
 
 }  // namespace
 
@@ -33,22 +30,6 @@ SymbolModel::SymbolModel(std::span<const std::uint8_t> weights) {
   for (std::size_t k = 0; k < first_.size(); ++k) {
     while (starts_[symbol + 1u] <= k << kShift) ++symbol;
     first_[k] = symbol;
-  }
-}
-
-void store_weights(std::span<const double> counts, std::span<std::uint8_t> weights) {
-  const double sum = std::accumulate(counts.begin(), counts.end(), 0.);
-  for (std::size_t k = 0; k < counts.size(); ++k) {
-    // A weight of 4, the least, is 1/4096.
-    const double wanted = 16384 * counts[k] / sum;
-    // Rare symbols cost little however coarse their weights are, but these fill the tables.
-    const auto next = [](int weight) { return weight < 16 ? weight + 4 : weight + 1; };
-    const auto off = [&](int weight) {
-      return std::abs(weight_of(static_cast<std::uint8_t>(weight)) - wanted);
-    };
-    int best = 0;
-    while (next(best) < SymbolModel::kWeights && off(next(best)) < off(best)) best = next(best);
-    weights[k] = static_cast<std::uint8_t>(best);
   }
 }
 

@@ -29,6 +29,9 @@ class SymbolModel {
   /// From stored weights, one for each symbol: a weight `w` stands for (4 + w % 4) · 2^(w / 4).
   /// REQUIRES: 1 to kMaxSymbols of them, below kWeights.
   explicit SymbolModel(std::span<const std::uint8_t> weights);
+  static constexpr std::uint32_t weight_of(std::uint8_t stored) {
+    return (4u + stored % 4) << (stored / 4);
+  }
 
   [[nodiscard]] std::uint32_t start(std::uint32_t symbol) const { return starts_[symbol]; }
   [[nodiscard]] std::uint32_t frequency(std::uint32_t symbol) const {
@@ -47,9 +50,6 @@ class SymbolModel {
   std::array<std::uint8_t, (1 << (kBits - kShift))> first_{};  // the symbols to search from
   std::array<std::uint16_t, kMaxSymbols + 1> starts_{};
 };
-
-/// The stored weights of a model that is as near to `counts` as possible.
-void store_weights(std::span<const double> counts, std::span<std::uint8_t> weights);
 
 /// The symbols of a part of a tile, before it is decided which models code them.
 class SymbolList {

@@ -1,31 +1,25 @@
 #include "field/field_file.h"
 
 #include <algorithm>
-#include <charconv>
 #include <set>
 
+#include "base/ascii.h"
 #include "base/guarded.h"
 #include "base/sort_unique.h"
 #include "base/try.h"
 
 namespace slf {
 
-Result<std::shared_ptr<const FieldFile>> FieldFile::open(const std::string& path) {
-  auto store = SLF_TRY(storage::TileStore::open(path));
-  return open(std::move(store));
-}
-
-Result<std::shared_ptr<const FieldFile>> FieldFile::whole(const std::string& path) {
-  auto store = SLF_TRY(storage::TileStore::open(path));
-  return whole(std::move(store));
+Result<std::shared_ptr<const FieldFile>> FieldFile::open(const std::string& path, unsigned state) {
+  const auto store = SLF_TRY(storage::TileStore::open(path));
+  return open(store, state);
 }
 
 Result<std::shared_ptr<const FieldFile>> FieldFile::open(const storage::TileStore& opened,
                                                          unsigned state) {
   const std::string& path = opened.path();
   const auto text = SLF_TRY(opened.blob(kManifestBlob));
-  auto manifest =
-      SLF_TRY(Manifest::parse({reinterpret_cast<const char*>(text.data()), text.size()}, path));
+  auto manifest = SLF_TRY(Manifest::parse(chars_of(text), path));
   const bool whole = state == kAllStates || manifest.states.empty();
   if (!whole) manifest.shape.states = 1;
   auto store = whole ? opened.all_states() : opened.in_state(state);
@@ -49,15 +43,12 @@ Result<std::shared_ptr<const FieldFile>> FieldFile::open(const storage::TileStor
 }
 
 bool FieldFile::can_have(TileKey key) const {
-  const TileKey first = slf::in_state(key, 0);
-  const TileKey in_file{key.level, key.index + slf::in_state({}, state_).index};
-  return state_of(in_file) < std::max<std::size_t>(1, manifest_.states.size()) &&
-         shape().has(first);
+  return state_of(store_.in_file(key)) < std::max<std::size_t>(1, manifest_.states.size()) &&
+         shape().has(in_state(key, 0));
 }
 
 std::string FieldFile::place(TileKey key) const {
-  return path() + ": tile " +
-         storage::name({key.level, key.index + slf::in_state({}, state_).index});
+  return path() + ": tile " + storage::name(store_.in_file(key));
 }
 
 void FieldFile::read_reference_index() {
@@ -71,16 +62,16 @@ void FieldFile::read_reference_index() {
 
 namespace {
 
-/// The same tile of an earlier state among the references of a tile; null: it is none of them.
-const Reference* earlier_of(TileKey key, std::span<const Reference> references) {
-  for (const Reference& reference : references)
-    if (reference.tile.level == key.level) return &reference;
-  return nullptr;
+/// The same tile of an earlier state among the references of a tile; none: it is none of them.
+std::optional<TileKey> earlier_of(TileKey key, std::span<const TileKey> references) {
+  for (const TileKey reference : references)
+    if (reference.level == key.level) return reference;
+  return std::nullopt;
 }
 
 }  // namespace
 
-Result<std::vector<Reference>> FieldFile::references(const storage::TileRef& tile) const {
+Result<std::vector<TileKey>> FieldFile::references(const storage::TileRef& tile) const {
   auto named = SLF_TRY(listed(tile));
   if (earlier_of(tile.key, named)) SLF_TRY(chain(tile));
   return named;
@@ -90,20 +81,20 @@ Result<unsigned> FieldFile::chain(storage::TileRef tile) const {
   const TileKey key = tile.key;
   for (unsigned length = 0; length <= kMaxChain; ++length) {
     const auto named = SLF_TRY(listed(tile));
-    const Reference* const earlier = earlier_of(tile.key, named);
+    const auto earlier = earlier_of(tile.key, named);
     if (!earlier) return length;
-    tile = SLF_TRY(store_.find(earlier->tile));
+    tile = SLF_TRY(store_.find(*earlier));
   }
   return fail(ErrorCode::bad_file, place(key), kChained);
 }
 
-Result<std::vector<Reference>> FieldFile::listed(const storage::TileRef& tile) const {
-  if (!predicts() || tile.state != storage::TileState::stored) return std::vector<Reference>();
+Result<std::vector<TileKey>> FieldFile::listed(const storage::TileRef& tile) const {
+  if (!predicts() || tile.state != storage::TileState::stored) return std::vector<TileKey>();
   SLF_TRY(store_.fetch(tile));
   auto named = coder_->references(tile.source, tile.payload);
-  for (const Reference& reference : named)
-    if (!can_have(reference.tile))
-      return fail(ErrorCode::bad_file, place(reference.tile),
+  for (const TileKey reference : named)
+    if (!can_have(reference))
+      return fail(ErrorCode::bad_file, place(reference),
                   ", from which others are predicted, is not in the field");
   return named;
 }
@@ -125,16 +116,16 @@ FoundTiles FieldFile::find(std::span<const TileKey> keys, const Skip& skip, bool
     for (const storage::TileRef& ref : refs) {
       auto named = listed(ref);
       if (!named) continue;
-      for (const Reference& reference : *named) level.push_back(reference.tile);
+      level.insert(level.end(), named->begin(), named->end());
       found.emplace(ref.key, FoundTile{ref, std::move(*named)});
     }
   }
   const auto is_too_long = [&](const auto& tile) {
     unsigned length = 0;
     for (auto at = found.find(tile.first); at != found.end() && length <= kMaxChain; ++length) {
-      const Reference* const earlier = earlier_of(at->first, at->second.references);
+      const auto earlier = earlier_of(at->first, at->second.references);
       if (!earlier) return false;
-      at = found.find(earlier->tile);
+      at = found.find(*earlier);
     }
     return length > kMaxChain;
   };
@@ -266,7 +257,7 @@ Result<Field> Field::in_state(unsigned state) const {
   if (const std::size_t count = std::max<std::size_t>(1, states().size()); state >= count)
     return fail_without("state", ErrorCode::usage, path(), ": has no state ", state,
                         count > 1 ? "; its states are 0 to " : "; it has one state, ", count - 1);
-  return guarded([&] { return file_->in_state(state); }).map([](auto file) {
+  return guarded([&] { return FieldFile::open(file_->store(), state); }).map([](auto file) {
     return Field(std::move(file));
   });
 }
@@ -274,10 +265,7 @@ Result<Field> Field::in_state(const std::string& name) const {
   const std::vector<std::string> names = states();
   const auto named = std::find(names.begin(), names.end(), name);
   if (named != names.end()) return in_state(static_cast<unsigned>(named - names.begin()));
-  unsigned number = 0;
-  const char* const end = name.data() + name.size();
-  if (std::from_chars(name.data(), end, number) == std::from_chars_result{end, std::errc()})
-    return in_state(number);
+  if (const auto number = parse_number<unsigned>(name)) return in_state(*number);
   std::string listed;
   for (const std::string& known : names) {
     listed += (listed.empty() ? "" : ", ") + known;

@@ -35,7 +35,7 @@ inline constexpr const char* kChained = ": is predicted through more states than
 /// A tile that was found in the file.
 struct FoundTile {
   storage::TileRef ref;
-  std::vector<Reference> references;  ///< that it is predicted from
+  std::vector<TileKey> references;  ///< that it is predicted from
 };
 /// Without those that could not be found or read: a second attempt tells why.
 using FoundTiles = std::unordered_map<TileKey, FoundTile, TileKeyHash>;
@@ -44,24 +44,19 @@ using FoundTiles = std::unordered_map<TileKey, FoundTile, TileKeyHash>;
 /// Thread-safety: all const members may be called from many threads.
 class FieldFile {
  public:
+  /// In place of a state: all of them, whose tiles have their keys in the file.
   static constexpr unsigned kAllStates = ~0u;
 
-  /// The first state of a field. Errors of Field::open(). An incomplete field opens: what was never
-  /// built is reported as missing.
-  [[nodiscard]] static Result<std::shared_ptr<const FieldFile>> open(const std::string& path);
-  /// The same with a container that is open.
-  [[nodiscard]] static Result<std::shared_ptr<const FieldFile>> open(storage::TileStore store) {
-    return open(store, 0);
-  }
-  /// All states, whose tiles have their keys in the file.
-  [[nodiscard]] static Result<std::shared_ptr<const FieldFile>> whole(const std::string& path);
-  [[nodiscard]] static Result<std::shared_ptr<const FieldFile>> whole(storage::TileStore store) {
-    return open(store, kAllStates);
-  }
-  /// Another state, or kAllStates, of the same snapshot. To all that reads it, a state is a field
-  /// of its own. REQUIRES: otherwise state < max(1, manifest().states.size()).
-  [[nodiscard]] Result<std::shared_ptr<const FieldFile>> in_state(unsigned state) const {
-    return open(store_, state);
+  /// A state of a field: to all that reads it, a field of its own. Errors of Field::open(). An
+  /// incomplete field opens: what was never built is reported as missing. REQUIRES: state <
+  /// max(1, manifest().states.size()), or kAllStates.
+  [[nodiscard]] static Result<std::shared_ptr<const FieldFile>> open(const std::string& path,
+                                                                     unsigned state = 0);
+  /// The same of a container that is open.
+  [[nodiscard]] static Result<std::shared_ptr<const FieldFile>> open(
+      const storage::TileStore& store, unsigned state = 0);
+  [[nodiscard]] static Result<std::shared_ptr<const FieldFile>> whole(const std::string& path) {
+    return open(path, kAllStates);
   }
 
   /// The state that this shows; 0 if it shows all.
@@ -104,7 +99,7 @@ class FieldFile {
   /// The tiles that a tile is predicted from, as its payload names them: coarser ones and, in a
   /// field of several states, maybe the same tile of an earlier state. bad_file: the field has no
   /// such tile, or the chain is too long.
-  [[nodiscard]] Result<std::vector<Reference>> references(const storage::TileRef& tile) const;
+  [[nodiscard]] Result<std::vector<TileKey>> references(const storage::TileRef& tile) const;
   /// Through how many earlier states a tile is predicted. bad_file: more than kMaxChain.
   [[nodiscard]] Result<unsigned> chain(storage::TileRef tile) const;
   /// Finds tiles and, level by level, all that they are predicted from, except those that `skip`.
@@ -130,12 +125,9 @@ class FieldFile {
   FieldFile(storage::TileStore store, Manifest manifest)
       : store_(std::move(store)), manifest_(std::move(manifest)) {}
 
-  [[nodiscard]] static Result<std::shared_ptr<const FieldFile>> open(
-      const storage::TileStore& store, unsigned state);
-
   void read_reference_index();
   /// references() without a look at those of the tile of an earlier state.
-  [[nodiscard]] Result<std::vector<Reference>> listed(const storage::TileRef& tile) const;
+  [[nodiscard]] Result<std::vector<TileKey>> listed(const storage::TileRef& tile) const;
   /// Advises tiles and all that they are predicted from, by the index of a remote file.
   void advise_together(std::vector<storage::TileRef> tiles) const;
   /// Whether all tiles of the part are there.

@@ -78,9 +78,8 @@ class Reader {
 Result<void> check_version(Reader& in, const std::string& file) {
   const std::uint32_t major = in.integer("/slf/major", 1u << 20);
   if (in.error().empty() && major != Manifest::kMajor)
-    return fail(
-        ErrorCode::unsupported, file, ": format version ", major, ", this program reads version ",
-        Manifest::kMajor,
+    return unsupported(
+        file, "format version ", major, ", this program reads version ", Manifest::kMajor,
         major > Manifest::kMajor ? "; update slf" : "; slf 0.2 or older wrote it: build it anew");
   const auto* required = in.find("/required");
   const auto known_feature = [](const nlohmann::json& feature) {
@@ -171,9 +170,7 @@ OwnedJson Manifest::to_json() const {
   using nlohmann::json;
   OwnedJson owned = json::object();
   json& all = *owned;
-  all["slf"] = json::object();
-  all["slf"]["major"] = kMajor;
-  all["slf"]["minor"] = 0;
+  all["slf"] = {{"major", kMajor}, {"minor", 0}};
   all["required"] = json::array();
   if (codec::is_predictive(codec)) all["required"].push_back(kPredictive);
   if (!states.empty()) all["required"].push_back(kStates);
@@ -182,10 +179,8 @@ OwnedJson Manifest::to_json() const {
     one["name"] = state.name;
     if (!state.provenance->empty()) one["provenance"] = *state.provenance;
   }
-  all["sphere"] = json::object();
-  all["sphere"]["center"] = json::array();
-  for (int axis = 0; axis < 3; ++axis) all["sphere"]["center"].push_back(shape.sphere.center[axis]);
-  all["sphere"]["radius"] = shape.sphere.radius;
+  const glm::dvec3& center = shape.sphere.center;
+  all["sphere"] = {{"center", {center.x, center.y, center.z}}, {"radius", shape.sphere.radius}};
   all["entry_side"] = shape.entry_side;
   all["exit_side"] = shape.exit_side;
   all["levels"] = shape.levels;
@@ -194,14 +189,10 @@ OwnedJson Manifest::to_json() const {
   all["codec"] = codec;
   all["provenance"] = *provenance;
   if (!shape.subfields.empty()) all["subfields"] = shape.subfields;
-  if (filtered_levels) all["filtered_levels"] = *filtered_levels;
-  if (!part) return owned;
-  all["part"] = json::object();
-  for (const auto& [name, key] : {std::pair{"begin", part->begin}, {"end", part->end}}) {
-    all["part"][name] = json::array();
-    all["part"][name].push_back(key.level);
-    all["part"][name].push_back(key.index);
-  }
+  all["filtered_levels"] = filtered_levels;
+  if (part)
+    all["part"] = {{"begin", {part->begin.level, part->begin.index}},
+                   {"end", {part->end.level, part->end.index}}};
   return owned;
 }
 
@@ -236,8 +227,8 @@ Result<Manifest> Manifest::parse(std::string_view text, const std::string& file)
 
   Manifest manifest;
   manifest.shape = read_shape(in, json);
-  if (json.contains("filtered_levels"))
-    manifest.filtered_levels = in.integer("/filtered_levels", 10);
+  manifest.filtered_levels =
+      json.contains("filtered_levels") ? in.integer("/filtered_levels", 10) : manifest.shape.levels;
   if (json.contains("part")) {
     manifest.part = {in.key("/part/begin"), in.key("/part/end")};
     if (manifest.part->end < manifest.part->begin) in.problem("/part/end", "is before /part/begin");

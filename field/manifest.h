@@ -19,9 +19,9 @@ struct Manifest {
   static constexpr int kMajor = 2;
 
   FieldShape shape;
-  /// How many levels, from 0 on, hold means of rays instead of single rays. Optional in a manifest;
-  /// filtered() says what its absence means.
-  std::optional<unsigned> filtered_levels;
+  /// How many levels, from 0 on, hold means of rays instead of single rays. A text that does not
+  /// say so means all but the finest.
+  unsigned filtered_levels = 0;
   SampleFormat format = SampleFormat::rgba8;
   std::string codec;     ///< specification, such as "jpeg:75"
   OwnedJson provenance;  ///< of the scene; free form
@@ -35,11 +35,8 @@ struct Manifest {
   /// these have in the first.
   std::optional<TileRange> part;
 
-  /// Whether the samples of a level are means of rays. If filtered_levels is absent, all levels but
-  /// the finest are.
-  [[nodiscard]] bool filtered(unsigned level) const {
-    return level < filtered_levels.value_or(shape.levels);
-  }
+  /// Whether the samples of a level are means of rays.
+  [[nodiscard]] bool filtered(unsigned level) const { return level < filtered_levels; }
 
   /// Sets the states, none if there is just one, and the provenance of each.
   void set_states(std::span<const std::pair<std::string, OwnedJson>> provenances);

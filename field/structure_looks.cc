@@ -3,12 +3,12 @@
 #include <fnmatch.h>
 
 #include <algorithm>
-#include <charconv>
 #include <cmath>
 #include <iomanip>
 #include <nlohmann/json.hpp>
 #include <sstream>
 
+#include "base/ascii.h"
 #include "base/try.h"
 
 namespace slf {
@@ -16,17 +16,15 @@ namespace {
 
 /// Whether `text` is a number or #RRGGBB, which `look` then has.
 bool parse_look(std::string_view text, StructureLook& look) {
-  const char* const end = text.data() + text.size();
-  float opacity = 0;
-  unsigned color = 0;
   if (!text.starts_with('#')) {
-    if (text.empty() || std::from_chars(text.data(), end, opacity).ptr != end) return false;
-    look.opacity = opacity;
-    return true;
+    const auto opacity = parse_number<float>(text);
+    look.opacity = opacity.value_or(look.opacity);
+    return opacity.has_value();
   }
-  if (text.size() != 7 || std::from_chars(text.data() + 1, end, color, 16).ptr != end) return false;
+  const auto color = parse_number<unsigned>(text.substr(1), 16);
+  if (text.size() != 7 || !color) return false;
   for (const auto c : {0u, 1u, 2u})
-    look.tint[c] = static_cast<float>(color >> (16 - 8 * c) & 255) / 255;
+    look.tint[c] = static_cast<float>(*color >> (16 - 8 * c) & 255) / 255;
   return true;
 }
 
@@ -44,11 +42,11 @@ Result<StructureLook> parse_structure(std::string_view text, std::span<const std
   return look;
 }
 
-Result<std::vector<StructureLook>> parse_structures(std::span<const std::string> texts) {
+Result<std::vector<StructureLook>> parse_structures(std::span<const std::string> texts,
+                                                    std::span<const std::string> names) {
   std::vector<StructureLook> looks;
   for (const std::string& text : texts) {
-    auto look = SLF_TRY(parse_structure(text));
-    look.text = text;
+    auto look = SLF_TRY(parse_structure(text, names));
     looks.push_back(std::move(look));
   }
   return looks;
@@ -77,8 +75,7 @@ Result<std::vector<Structure>> structures_of(const Field& field,
                                              std::vector<StructureLook>& others) {
   const std::vector<std::string> names = field.states();
   std::vector<std::optional<StructureLook>> shown_as(names.size());
-  for (const StructureLook& given : looks) {
-    const auto look = SLF_TRY(given.text.empty() ? given : parse_structure(given.text, names));
+  for (const StructureLook& look : looks) {
     const bool named = std::ranges::count(names, look.name) > 0;
     bool found = false;
     for (std::size_t k = 0; k < names.size() && !look.field; ++k)

@@ -19,16 +19,14 @@ struct StructureLook {
   float opacity = 1;
   std::array<float, 3> tint{1, 1, 1};  ///< sRGB
   std::optional<Field> field{};        ///< that of `name`, if it is open
-  /// What it was parsed from, if from text: a state may have a name that ends as looks do.
-  std::string text{};
 };
 
-/// Parses NAME[:OPACITY][:#RRGGBB]; one of `names` may have colons. usage: what follows a colon
-/// begins with #, but is no colour.
+/// Parses NAME[:OPACITY][:#RRGGBB]. The names of states, `names`, may end as looks do. usage: what
+/// follows a colon begins with #, but is no colour.
 [[nodiscard]] Result<StructureLook> parse_structure(std::string_view text,
                                                     std::span<const std::string> names = {});
 [[nodiscard]] Result<std::vector<StructureLook>> parse_structures(
-    std::span<const std::string> texts);
+    std::span<const std::string> texts, std::span<const std::string> names);
 /// The text of a look.
 [[nodiscard]] std::string text_of(const StructureLook& look);
 

@@ -17,12 +17,10 @@ namespace {
 /// it saves.
 constexpr std::uint32_t kMinUses = 6;
 
-constexpr std::uint32_t kNoColor = 0xFF808080;
-
 /// A colour that is not multiplied by alpha, and 255 instead of alpha.
 std::uint32_t straight(std::uint32_t rgba) {
   const std::uint32_t alpha = rgba >> 24;
-  std::uint32_t color = alpha == 0 ? kNoColor : 0xFF000000u;
+  std::uint32_t color = alpha == 0 ? codec::kUnpredictedColor : 0xFF000000u;
   for (const int shift : {0, 8, 16})
     if (alpha > 0)
       color |= std::min(255u, ((rgba >> shift & 255) * 255 + alpha / 2) / alpha) << shift;
@@ -93,7 +91,7 @@ struct TileCoder::Relation {
     std::vector<std::uint8_t> used(candidates.size());
     std::vector<Bytes> converted(from.size());
     for (std::size_t i = 0; i < from.size(); ++i) {
-      const auto k = candidates.find(from[i].reference);
+      const auto k = candidates.find(from[i].tile);
       if (!k) continue;
       used[*k] = 1;
       if (from[i].samples.empty()) continue;
@@ -139,11 +137,11 @@ Result<TileCoder::Head> TileCoder::take_head(TileKey key, ByteSpan& payload) con
   return head;
 }
 
-std::vector<Reference> TileCoder::references(TileKey key, ByteSpan payload) const {
-  std::vector<Reference> named;
+std::vector<TileKey> TileCoder::references(TileKey key, ByteSpan payload) const {
+  std::vector<TileKey> named;
   const auto head = take_head(key, payload);
   if (!head) return named;  // decode() tells why
-  if (head->back > 0) named.push_back({head->tile(key)});
+  if (head->back > 0) named.push_back(head->tile(key));
   if (!predicts(key)) return named;
   const Relation to(*this, key);
   const auto used = codec_.references(key.level, to.candidates.kinds(), payload);
@@ -160,7 +158,7 @@ Result<void> TileCoder::predict(TileKey key, const Head& head,
   if (head.back == 0 && !predicts(key)) return code(nullptr);
   if (head.back == 0) return Relation(*this, key).predict(from, half, keep, code);
   const auto found = std::find_if(from.begin(), from.end(), [&](const ReferenceSamples& one) {
-    return one.reference.tile == head.tile(key);
+    return one.tile == head.tile(key);
   });
   const TileShape shape = tile_shape(key);
   if (found == from.end() || found->samples.size() != shape.bytes())
@@ -179,8 +177,9 @@ Result<void> TileCoder::predict(TileKey key, const Head& head,
   };
   if (predicts(key)) return Relation(*this, key).predict(from, half, adjust, code);
   thread_local PredictedSamples predicted;
-  predicted.alpha.assign(of.size(), 0), predicted.depth.assign(of.size(), 128);
-  predicted.color.assign(of.size(), kNoColor);
+  predicted.alpha.assign(of.size(), codec::kUnpredictedAlpha);
+  predicted.depth.assign(of.size(), codec::kUnpredictedDepth);
+  predicted.color.assign(of.size(), codec::kUnpredictedColor);
   adjust(predicted);
   const codec::Predicted told{0, {}, {}, predicted.view()};
   return code(&told);
@@ -195,8 +194,8 @@ Result<void> TileCoder::decode(TileKey key, ByteSpan payload,
   });
 }
 
-std::vector<Reference> TileCoder::choose(TileKey key, ByteSpan samples) const {
-  std::vector<Reference> chosen;
+std::vector<TileKey> TileCoder::choose(TileKey key, ByteSpan samples) const {
+  std::vector<TileKey> chosen;
   if (!predicts(key) || samples.empty()) return chosen;
   const Relation to(*this, key);
   const std::size_t count = samples.size() / sample_bytes(format_), step = color_bytes(format_);
@@ -209,8 +208,7 @@ std::vector<Reference> TileCoder::choose(TileKey key, ByteSpan samples) const {
   }
   const auto uses = TilePredictor(to.coarser, to.finer, to.sections, to.rows).uses(alpha, depth);
   for (std::size_t k = 0; k < uses.size(); ++k)
-    if (uses[k] >= kMinUses && shape_.has(to.candidates[k].tile))
-      chosen.push_back(to.candidates[k]);
+    if (uses[k] >= kMinUses && shape_.has(to.candidates[k])) chosen.push_back(to.candidates[k]);
   return chosen;
 }
 
@@ -235,7 +233,8 @@ std::vector<std::uint8_t> TileCoder::choose_blocks(TileKey key, ByteSpan samples
     gain[of[s]] += predicted
                        ? difference(rgba, depth(own), predicted->prediction.alpha[s],
                                     predicted->prediction.depth[s], predicted->prediction.color[s])
-                       : difference(rgba, depth(own), 0, 128, kNoColor);
+                       : difference(rgba, depth(own), codec::kUnpredictedAlpha,
+                                    codec::kUnpredictedDepth, codec::kUnpredictedColor);
     gain[of[s]] -= difference(rgba, depth(own), alpha, depth(other), straight(there));
   }
   std::vector<std::uint8_t> better(gain.size());
@@ -250,10 +249,10 @@ Result<void> TileCoder::encode(TileKey key, ByteSpan samples,
   std::erase_if(used, [](const ReferenceSamples& one) { return one.samples.empty(); });
   Head head;
   const auto earlier = std::find_if(used.begin(), used.end(), [&](const ReferenceSamples& one) {
-    return one.reference.tile.level == key.level;
+    return one.tile.level == key.level;
   });
   if (earlier != used.end()) {
-    head.back = state_of(key) - state_of(earlier->reference.tile);
+    head.back = state_of(key) - state_of(earlier->tile);
     SLF_TRY(predict(key, {}, used, [&](const codec::Predicted* predicted) -> Result<void> {
       head.earlier = choose_blocks(key, samples, earlier->samples, predicted);
       return {};

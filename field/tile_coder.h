@@ -4,7 +4,7 @@
 // predicted from the same tile of an earlier state instead, which is one of the references then.
 // The caller finds and decodes these:
 //
-//   for (const Reference& reference : coder.references(key, payload))
+//   for (const TileKey reference : coder.references(key, payload))
 //     from.push_back({reference, ...});  // its samples
 //   coder.decode(key, payload, from, samples);
 //
@@ -24,9 +24,9 @@
 
 namespace slf {
 
-/// The decoded samples of a reference; no bytes if it is empty.
+/// A tile that another is predicted from, and its decoded samples; no bytes if it is empty.
 struct ReferenceSamples {
-  Reference reference;
+  TileKey tile;
   ByteSpan samples;
 };
 
@@ -55,7 +55,7 @@ class TileCoder {
   [[nodiscard]] bool uses_states() const { return several_states_; }
 
   /// The tiles that an untrusted payload names. The field may not have such a tile.
-  [[nodiscard]] std::vector<Reference> references(TileKey key, ByteSpan payload) const;
+  [[nodiscard]] std::vector<TileKey> references(TileKey key, ByteSpan payload) const;
   /// Decodes an untrusted payload into `samples`, which has exactly the tile's size. `from`: all
   /// that the payload names. bad_file: the payload is damaged, or names others.
   [[nodiscard]] Result<void> decode(TileKey key, ByteSpan payload,
@@ -63,7 +63,7 @@ class TileCoder {
                                     std::span<std::byte> samples) const;
 
   /// The tiles of the field's shape that predict enough of these samples to be worth reading.
-  [[nodiscard]] std::vector<Reference> choose(TileKey key, ByteSpan samples) const;
+  [[nodiscard]] std::vector<TileKey> choose(TileKey key, ByteSpan samples) const;
   /// Encodes samples and replaces `payload`, which will name the tiles in `from` that are not
   /// empty. REQUIRES: choose() names these; besides, there may be one that is the same tile of an
   /// earlier state, which is stored and not predicted from another state.

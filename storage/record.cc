@@ -191,17 +191,6 @@ Bytes encode_record_head(std::optional<TileKey> previous, TileKey first,
   return head;
 }
 
-Bytes encode_record(std::optional<TileKey> previous, TileKey first, std::span<const Tile> tiles) {
-  Bytes record = encode_record_head(previous, first, tiles);
-  for (const Tile& tile : tiles) {
-    if (tile.state != TileState::stored) continue;
-    record.resize(align8(record.size()));
-    record.insert(record.end(), tile.payload.begin(), tile.payload.end());
-  }
-  if (record.size() < kMinRecordBytes) record.resize(kMinRecordBytes);
-  return record;
-}
-
 }  // namespace slf::storage::internal
 
 namespace slf::storage {

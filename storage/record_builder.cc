@@ -20,6 +20,12 @@ constexpr std::size_t unused(std::size_t bytes) {
 
 }  // namespace
 
+std::size_t CompleteRecord::bytes() const {
+  std::size_t end = head.size();
+  for (const Payload& payload : payloads) end = align8(end) + payload.bytes().size();
+  return std::max(end, kMinRecordBytes);
+}
+
 void CompleteRecord::write(std::span<std::byte> to) const {
   std::size_t end = 0;
   const auto put = [&](ByteSpan part) {
@@ -30,7 +36,7 @@ void CompleteRecord::write(std::span<std::byte> to) const {
   };
   put(head);
   for (const Payload& payload : payloads) put(payload.bytes());
-  std::ranges::fill(to.subspan(end, bytes - end), std::byte{0});
+  std::ranges::fill(to.subspan(end), std::byte{0});
 }
 
 void RecordBuilder::append(NewTile tile, std::vector<CompleteRecord>& out) {
@@ -85,8 +91,7 @@ void RecordBuilder::end_record(std::size_t tiles, std::vector<CompleteRecord>& o
   const TileKey first = pending_.front().key;
   const TileKey last = pending_[tiles - 1].key;
   std::vector<Tile> table(last.index - first.index + 1);
-  CompleteRecord record{last, {}, {}, 0};
-  std::size_t payload_bytes = 0;
+  CompleteRecord record{last, {}, {}};
   for (std::size_t i = 0; i < tiles; ++i) {
     NewTile& pending = pending_[i];
     Tile& tile = table[pending.key.index - first.index];
@@ -96,11 +101,9 @@ void RecordBuilder::end_record(std::size_t tiles, std::vector<CompleteRecord>& o
     if (tile.payload.empty()) continue;
     tile.checksum =
         pending.checksum ? *pending.checksum : payload_checksum(pending.key, tile.payload);
-    payload_bytes = align8(payload_bytes) + tile.payload.size();
     record.payloads.push_back(std::move(pending.payload));
   }
   record.head = encode_record_head(previous_, first, table);
-  record.bytes = std::max(record.head.size() + payload_bytes, kMinRecordBytes);
   out.push_back(std::move(record));
   previous_ = last;
 

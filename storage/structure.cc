@@ -181,7 +181,7 @@ class Checker {
   }
 
   void add_tree(const TreePage& page, std::uint32_t i, const Node& node) {
-    const std::string name(reinterpret_cast<const char*>(node.key.data()), node.key.size());
+    const std::string name(chars_of(node.key));
     if (node.data.size() != kTreeBytes) {
       report(page.number(), "entry ", i, " describes no tree");
       return;

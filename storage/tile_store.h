@@ -98,12 +98,15 @@ class TileStore {
   /// reads may fail with the errors of RangeSource::fetch(). Other errors as above.
   [[nodiscard]] static Result<TileStore> open(std::shared_ptr<RangeSource> source);
 
-  /// The same snapshot, showing one state of the tiles as if it were the first and only one: to
-  /// find(), its tiles have the keys of state 0, and those of other states a state relative to it,
-  /// modulo 2^14; visit() and all that counts go over its tiles only.
+  /// One state of the same snapshot, as if it were the only one: its tiles have the keys of state
+  /// 0. visit() and all that counts go over these alone. But find() finds tiles of other states,
+  /// too, because this state's tiles refer to them: state `state` + n has the number n here, and
+  /// `state` - n the number 2^14 - n.
   [[nodiscard]] TileStore in_state(unsigned state) const;
   /// The same snapshot as open() shows it: all states.
   [[nodiscard]] TileStore all_states() const { return TileStore(snapshot_); }
+  /// The key that a tile has there.
+  [[nodiscard]] TileKey in_file(TileKey key) const { return {key.level, key.index + first_}; }
 
   [[nodiscard]] const std::string& path() const;
   [[nodiscard]] std::uint64_t file_bytes() const;
@@ -201,9 +204,9 @@ class TileStore {
   /// find() and find_all(), which do not give a tile the payload of the one that it is the same as.
   [[nodiscard]] Result<TileRef> find_own(TileKey key) const;
   [[nodiscard]] std::vector<Result<TileRef>> find_own(std::span<const TileKey> keys) const;
-  /// Keys as the file has them, and back. Of a range, those of the states that are shown.
-  [[nodiscard]] TileKey in_file(TileKey key) const { return {key.level, key.index + first_}; }
+  /// Undoes in_file().
   [[nodiscard]] TileKey shown(TileKey key) const { return {key.level, key.index - first_}; }
+  /// The ranges in the file of those of these keys that visit() goes over.
   [[nodiscard]] std::vector<TileRange> in_file(const TileRange& keys) const;
 
   std::shared_ptr<const internal::Snapshot> snapshot_;

@@ -52,7 +52,7 @@ Result<void> write(Environment& environment, std::span<const CompleteRecord> edi
   std::vector<Put> puts;
   const auto add = [&](const CompleteRecord& record, bool append) {
     keys.push_back(internal::encode_key(record.last));
-    puts.push_back({std::string(internal::kTiles), keys.back(), record.bytes,
+    puts.push_back({std::string(internal::kTiles), keys.back(), record.bytes(),
                     [&record](std::span<std::byte> to) { record.write(to); }, append});
   };
   for (const CompleteRecord& record : edited) add(record, false);
@@ -124,6 +124,19 @@ struct TileWriter::State {
 
   [[nodiscard]] std::string place(TileKey key) const { return path + ": tile " + name(key); }
 
+  // The state of a tile with such a payload. usage: no tile can have it.
+  [[nodiscard]] Result<TileState> state_with(TileKey key, ByteSpan payload,
+                                             std::uint64_t back) const {
+    if (back > state_of(key) || (back > 0 && !payload.empty()))
+      return misuse(place(key), "the same as ", back, " states before");
+    return back > 0 ? TileState::same : payload.empty() ? TileState::empty : TileState::stored;
+  }
+  [[nodiscard]] Result<void> check_limits(TileKey key, ByteSpan payload) const {
+    if (key.level != internal::kNoLevel && payload.size() <= internal::kMaxPayload) return {};
+    return misuse(place(key), "levels go up to 254, payloads up to ", internal::kMaxPayload,
+                  " bytes; this one has ", payload.size());
+  }
+
   // Pages freed by earlier commits may be reused if no reader has a snapshot older than the last.
   [[nodiscard]] Result<void> before_commit() {
     if (file.pinned_before(environment->transaction())) return {};
@@ -147,9 +160,10 @@ struct TileWriter::State {
     if (!records.empty()) committed.last = records.back().last;
     std::vector<CompleteRecord> edited;
     for (const auto& [last, edit] : edits) {
-      Bytes record = internal::encode_record(edit.previous, edit.first, edit.tiles);
-      const std::size_t bytes = record.size();
-      edited.push_back({last, std::move(record), {}, bytes});
+      Bytes head = internal::encode_record_head(edit.previous, edit.first, edit.tiles);
+      auto& payloads = edited.emplace_back(CompleteRecord{last, std::move(head), {}}).payloads;
+      for (const internal::Tile& tile : edit.tiles)
+        if (tile.state == TileState::stored) payloads.emplace_back(tile.payload);
     }
     SLF_TRY(write(*environment, edited, records, blobs, committed));
     container = committed;
@@ -168,6 +182,8 @@ struct TileWriter::State {
 
   [[nodiscard]] Result<Edit*> edit(TileKey key);
   [[nodiscard]] Result<void> append(internal::NewTile tile);
+  [[nodiscard]] Result<void> replace(TileKey key, TileState state, ByteSpan payload,
+                                     std::uint64_t back);
 };
 
 TileWriter::TileWriter(std::unique_ptr<State> state) : state_(std::move(state)) {}
@@ -243,24 +259,19 @@ std::uint64_t TileWriter::pending_bytes() const {
   return state_->record_bytes + state_->edited_bytes;
 }
 
-Result<void> TileWriter::append(TileKey key, Bytes payload) {
-  const TileState state = payload.empty() ? TileState::empty : TileState::stored;
-  return state_->append({key, state, Payload(std::move(payload))});
+Result<void> TileWriter::append(TileKey key, Bytes payload, std::uint64_t back) {
+  const TileState state = SLF_TRY(state_->state_with(key, payload, back));
+  return state_->append({key, state, Payload(std::move(payload)), std::nullopt, back});
 }
 
 Result<void> TileWriter::append_missing(TileKey key) {
   return state_->append({key, TileState::missing});
 }
 
-Result<void> TileWriter::append_same(TileKey key, std::uint64_t back) {
-  if (back == 0 || back > state_of(key))
-    return misuse(state_->place(key), "the same as ", back, " states before");
-  return state_->append({key, TileState::same, {}, std::nullopt, back});
-}
-
 Result<void> TileWriter::append_view(const TileRef& tile) {
-  const std::uint64_t back = state_of(tile.key) - state_of(tile.source);
-  return state_->append({tile.key, tile.state, Payload(tile.payload), tile.checksum, back});
+  if (tile.source != tile.key)
+    return append(tile.key, {}, state_of(tile.key) - state_of(tile.source));
+  return state_->append({tile.key, tile.state, Payload(tile.payload), tile.checksum});
 }
 
 void TileWriter::copy_viewed_payloads() {
@@ -271,17 +282,14 @@ void TileWriter::copy_viewed_payloads() {
 
 Result<void> TileWriter::State::append(internal::NewTile tile) {
   const TileKey key = tile.key;
-  const std::size_t bytes = tile.payload.bytes().size();
   const auto last = builder.last();
   if (last && key <= *last)
     return misuse(place(key), "tiles are appended in key order; ", "the last one was ",
                   name(*last));
-  if (key.level == internal::kNoLevel || bytes > internal::kMaxPayload)
-    return misuse(place(key), "levels go up to 254, payloads up to ", internal::kMaxPayload,
-                  " bytes; this one has ", bytes);
+  SLF_TRY(check_limits(key, tile.payload.bytes()));
   const std::size_t before = records.size();
   builder.append(std::move(tile), records);
-  for (std::size_t k = before; k < records.size(); ++k) record_bytes += records[k].bytes;
+  for (std::size_t k = before; k < records.size(); ++k) record_bytes += records[k].bytes();
   return {};
 }
 
@@ -300,7 +308,7 @@ void TileWriter::defer_sync() {
 void TileWriter::end_records() {
   state_->builder.finish(state_->records);
   state_->record_bytes = 0;
-  for (const CompleteRecord& record : state_->records) state_->record_bytes += record.bytes;
+  for (const CompleteRecord& record : state_->records) state_->record_bytes += record.bytes();
 }
 
 Result<void> TileWriter::close(const Finish& finish) {
@@ -323,21 +331,26 @@ Result<void> TileWriter::publish(const std::string& to, Existing existing, const
   return published;
 }
 
-Result<void> TileWriter::replace(TileKey key, TileState tile_state, ByteSpan payload,
-                                 std::uint64_t back) {
-  if (payload.empty() == (tile_state == TileState::stored) ||
-      payload.size() > internal::kMaxPayload || back > state_of(key) ||
-      (back > 0) != (tile_state == TileState::same))
-    return misuse(state_->place(key), "a payload of ", payload.size(), " bytes for that state");
-  if (!state_->environment) return misuse(state_->path, "was closed");
-  auto edit = SLF_TRY(state_->edit(key));
-  const std::size_t position = key.index - edit->first.index;
-  Bytes& copy = edit->payloads[key];
+Result<void> TileWriter::replace(TileKey key, ByteSpan payload, std::uint64_t back) {
+  const TileState state = SLF_TRY(state_->state_with(key, payload, back));
+  return state_->replace(key, state, payload, back);
+}
+
+Result<void> TileWriter::drop(TileKey key) {
+  return state_->replace(key, TileState::missing, {}, 0);
+}
+
+Result<void> TileWriter::State::replace(TileKey key, TileState state, ByteSpan payload,
+                                        std::uint64_t back) {
+  if (!environment) return misuse(path, "was closed");
+  SLF_TRY(check_limits(key, payload));
+  auto edited = SLF_TRY(edit(key));
+  Bytes& copy = edited->payloads[key];
   copy.assign(payload.begin(), payload.end());
-  state_->edited_bytes += payload.size();
-  internal::Tile& tile = edit->tiles[position];
-  tile = {tile_state, copy, 0, 0, 0, back};
-  if (tile_state == TileState::stored) tile.checksum = payload_checksum(key, copy);
+  edited_bytes += payload.size();
+  internal::Tile& tile = edited->tiles[key.index - edited->first.index];
+  tile = {state, copy, 0, 0, 0, back};
+  if (state == TileState::stored) tile.checksum = payload_checksum(key, copy);
   return {};
 }
 

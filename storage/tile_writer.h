@@ -48,12 +48,12 @@ class TileWriter {
   /// memory until then, so commit every hundred megabytes or so.
   [[nodiscard]] std::uint64_t pending_bytes() const;
 
-  /// Appends a tile; an empty payload means an empty tile.
-  /// usage: the key is not above all earlier keys, the level is above 254, or the
-  /// payload is larger than 1 GiB.
-  [[nodiscard]] Result<void> append(TileKey key, Bytes payload);
+  /// Appends a tile; an empty payload means an empty tile or, if `back` is not 0, one that is the
+  /// same as the one that is stored `back` states before. usage: the key is not above all earlier
+  /// keys, the level is above 254, the payload is larger than 1 GiB, or there is no such state.
+  [[nodiscard]] Result<void> append(TileKey key, Bytes payload, std::uint64_t back = 0);
 
-  /// Appends a tile of another container, under its own key, without copying its payload.
+  /// Appends a tile as find() has it, of another container, without copying its payload.
   /// REQUIRES: its store has checked the tile, and lives until commit() has written it or
   /// copy_viewed_payloads() is called. Errors as append().
   [[nodiscard]] Result<void> append_view(const TileRef& tile);
@@ -64,18 +64,16 @@ class TileWriter {
   /// Appends a tile that is missing, so that replace() can fill it. Errors as append().
   [[nodiscard]] Result<void> append_missing(TileKey key);
 
-  /// Appends a tile that is the same as one that is stored `back` states before. Errors as
-  /// append(); usage: there is no such state.
-  [[nodiscard]] Result<void> append_same(TileKey key, std::uint64_t back);
-
   /// Replaces a damaged or missing tile of a committed record, in the next commit. A commit writes
   /// each record once, however many of its tiles are replaced; so replace many tiles in key order.
-  /// If the record's table itself is damaged, its other tiles become missing. `back`: as
-  /// append_same(), if that is the state.
+  /// If the record's table itself is damaged, its other tiles become missing. `payload`, `back`: as
+  /// for append().
   /// usage: in the tile's level, no committed record includes the tile or begins after it.
   /// bad_file: the tree or the record's pages are damaged.
-  [[nodiscard]] Result<void> replace(TileKey key, TileState state, ByteSpan payload,
-                                     std::uint64_t back = 0);
+  [[nodiscard]] Result<void> replace(TileKey key, ByteSpan payload, std::uint64_t back = 0);
+
+  /// Makes a tile missing, as replace() replaces it.
+  [[nodiscard]] Result<void> drop(TileKey key);
 
   /// From now on commit() does not wait for the disk, so a crash of the machine can damage the
   /// file. close() and publish() still wait. This is for files that are useless until complete.

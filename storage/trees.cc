@@ -32,14 +32,11 @@ Result<void> Trees::load(const Pages& pages) {
   pages_ = pages;
   manifest_ = SLF_TRY(named_tree(kManifest));
   auto sealed = SLF_TRY(blob(kContainer));
-  auto container = decode_container(sealed);
-  if (!container)
-    return fail(container.error().code, path_, ": container: ", container.error().message);
-  if (container->transaction != meta().transaction)
+  container_ = SLF_TRY(at_place(decode_container(sealed), path_, ": container"));
+  if (container_.transaction != meta().transaction)
     return bad_file(path_, "the meta page names transaction ", meta().transaction,
-                    ", the container ", container->transaction,
+                    ", the container ", container_.transaction,
                     ": damaged, or written to by another program");
-  container_ = *container;
   tiles_ = SLF_TRY(named_tree(kTiles));
   if (tiles_.entries != container_.records)
     return bad_file(path_, "has ", tiles_.entries, " records, expected ", container_.records);
@@ -66,13 +63,10 @@ Result<ByteSpan> Trees::blob(std::string_view name) const {
   Cursor cursor(pages_, manifest_);
   const bool found = SLF_TRY(cursor.find(name));
   if (!found) return bad_file(path_, "not a field, or damaged: it has no entry '", name, "'");
-  auto sealed = cursor.value();
-  if (!sealed) return sealed;
-  auto bytes = open_blob(name, *sealed);
+  const auto sealed = SLF_TRY(cursor.value());
+  auto bytes = open_blob(name, sealed);
   SLF_TRY(unchanged());
-  if (!bytes)
-    return fail(bytes.error().code, path_, ": blob '", name, "': ", bytes.error().message);
-  return bytes;
+  return at_place(bytes, path_, ": blob '", name, "'");
 }
 
 // If the record comes from a source, this reads its header and table only.
@@ -100,10 +94,8 @@ Result<Record> Trees::record(const Cursor& at) const {
   if (record && record->last() != *key)
     record = fail(ErrorCode::bad_file, "a record that ends at tile ", int{record->last().level},
                   "/", record->last().index, " lies in its place");
-  if (!record)
-    return fail(record.error().code, path_, ": record ending at tile ", int{key->level}, "/",
-                key->index, ": ", record.error().message);
-  return record;
+  return at_place(std::move(record), path_, ": record ending at tile ", int{key->level}, "/",
+                  key->index);
 }
 
 Result<std::optional<TileKey>> Trees::last_before(TileKey key) const {

@@ -1,15 +1,11 @@
 #include "view/ranges.h"
 
 #include <algorithm>
-#include <charconv>
+
+#include "base/ascii.h"
 
 namespace slf::view {
 namespace {
-
-bool parse_number(std::string_view text, std::uint64_t& value) {
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-  return error == std::errc() && end == text.data() + text.size();
-}
 
 /// Parses one range and appends it to `parts`, unless it is beyond the end of the file. False: the
 /// range is malformed.
@@ -18,19 +14,11 @@ bool add_range(std::string_view text, std::uint64_t size, std::vector<FilePart>&
   const std::size_t dash = text.find('-');
   if (dash == std::string_view::npos) return false;
   const std::string_view first = text.substr(0, dash), last = text.substr(dash + 1);
-  std::uint64_t begin = 0, end = size;
-  if (first.empty()) {
-    std::uint64_t count = 0;
-    if (!parse_number(last, count)) return false;
-    begin = size - std::min(size, count);
-  } else {
-    if (!parse_number(first, begin)) return false;
-    if (!last.empty()) {
-      std::uint64_t inclusive = 0;
-      if (!parse_number(last, inclusive) || inclusive < begin) return false;
-      end = inclusive < size ? inclusive + 1 : size;
-    }
-  }
+  const auto from = parse_number<std::uint64_t>(first), to = parse_number<std::uint64_t>(last);
+  if ((!from && !first.empty()) || (!to && !last.empty()) || (!from && !to)) return false;
+  if (from && to && *to < *from) return false;
+  const std::uint64_t begin = from ? *from : size - std::min(size, *to);
+  const std::uint64_t end = from && to && *to < size ? *to + 1 : size;
   if (begin < end) parts.push_back({begin, end - begin});
   return true;
 }

@@ -16,6 +16,7 @@
 #include <optional>
 #include <utility>
 
+#include "base/file.h"
 #include "base/try.h"
 #include "slf/field.h"
 #include "view/http.h"
@@ -49,13 +50,11 @@ struct ServedField {
 /// The current content of a field; none if it cannot be read. Each request opens the file that has
 /// its name now.
 std::optional<Content> content_of(const ServedField& field) {
-  const std::shared_ptr<const int> file(
-      new int(::open(field.path.c_str(), O_RDONLY | O_NONBLOCK | O_CLOEXEC)), [](const int* fd) {
-        if (*fd >= 0) ::close(*fd);
-        delete fd;
-      });
+  const auto file = std::make_shared<const Descriptor>(
+      ::open(field.path.c_str(), O_RDONLY | O_NONBLOCK | O_CLOEXEC));
   struct stat status = {};
-  if (*file < 0 || fstat(*file, &status) != 0 || !S_ISREG(status.st_mode) || status.st_size == 0)
+  if (file->get() < 0 || fstat(file->get(), &status) != 0 || !S_ISREG(status.st_mode) ||
+      status.st_size == 0)
     return std::nullopt;
   std::array<char, 100> tag;
   std::snprintf(tag.data(), tag.size(), "\"%llx-%llx-%llx-%lx\"",
@@ -65,7 +64,7 @@ std::optional<Content> content_of(const ServedField& field) {
   return Content{static_cast<std::uint64_t>(status.st_size), tag.data(), "application/octet-stream",
                  [file](std::uint64_t offset, std::span<char> to) -> std::size_t {
                    const ssize_t got =
-                       pread(*file, to.data(), to.size(), static_cast<off_t>(offset));
+                       pread(file->get(), to.data(), to.size(), static_cast<off_t>(offset));
                    return got < 0 ? 0 : static_cast<std::size_t>(got);
                  }};
 }

@@ -10,7 +10,6 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
-#include <sstream>
 #include <utility>
 
 #include "base/bytes.h"
@@ -92,22 +91,19 @@ struct Posters {
   std::string first;  ///< ranges in the file, "BEGIN-END …", of the tiles of level 0 of that view
 };
 
-Result<Posters> make_posters(const std::string& path, const Views& views) {
-  auto field = SLF_TRY(Field::open(path));
+Result<Posters> make_posters(Field field, const Views& views) {
   if (!views.state.empty()) field = SLF_TRY(field.in_state(views.state));
   if (has_structures(field)) {
     const std::vector<std::string> all{"*"};
-    const auto looks = SLF_TRY(parse_structures(views.structures ? *views.structures : all));
+    const auto looks =
+        SLF_TRY(parse_structures(views.structures ? *views.structures : all, field.states()));
     std::vector<StructureLook> unknown;
     auto shown = SLF_TRY(structures_of(field, looks, unknown));
     field = SLF_TRY(compose(field, std::move(shown)));
   }
   const Sphere& sphere = field.shape().sphere;
   std::array<double, 6> view{30, 20, 3, 0, 0, 0};  // as in camera.js
-  std::istringstream numbers(views.first);
-  std::string number;
-  for (std::size_t k = 0; k < view.size() && std::getline(numbers, number, ','); ++k)
-    view[k] = std::stod(number);
+  std::ranges::copy(views.camera, view.begin());
   Camera camera =
       orbit_camera(sphere, view[0], view[1], std::max(view[2], 1.02), kPosterSize, kPosterSize);
   camera.fov = fitted_fov(sphere, 3 * sphere.radius, kPosterSize, kPosterSize);
@@ -124,12 +120,8 @@ Result<Posters> make_posters(const std::string& path, const Views& views) {
         posters.title = fs::path(provenance[key].get<std::string>()).filename().string();
   ViewStatistics coarse;
   if (!renderer.render(camera, {mode, 0}, &coarse)) return posters;
-  std::vector<Field> parts;
-  if (!field.structures())
-    parts = {field};
-  else
-    for (const Structure& one : *field.structures()) parts.push_back(one.field);
-  for (const Field& part : parts)
+  const std::vector itself{Structure{field}};
+  for (const auto& [part, opacity, tint] : field.structures() ? *field.structures() : itself)
     SLF_TRY(list_tiles(part, {.last_level = 0}, [&](const ListedTile& tile) {
       if (tile.payload_bytes > 0 && std::ranges::binary_search(coarse.tiles, tile.key))
         posters.first += std::to_string(tile.offset_bytes) + "-" +
@@ -144,7 +136,7 @@ Result<Posters> make_posters(const std::string& path, const Views& views) {
     for (int quality = 88; poster->empty() || poster->size() > kMaxPosterBytes; quality -= 8) {
       const auto bytes = SLF_TRY(
           encode_image("poster.jpg", *image, {.background = background, .jpeg_quality = quality}));
-      poster->assign(reinterpret_cast<const char*>(bytes.data()), bytes.size());
+      poster->assign(chars_of(bytes));
       if (quality <= 8) break;
     }
   return posters;
@@ -173,21 +165,13 @@ std::string page_html(const Posters& posters, std::string html, const std::strin
   return html.insert(html.find("<link rel=\"stylesheet\""), head);
 }
 
-/// Checks that the file is a field, and returns its size.
-Result<std::uint64_t> field_size(const std::string& path) {
-  const auto field = SLF_TRY(Field::open(path));
-  return field.file_bytes();
-}
-
-Result<void> export_page(const std::string& field, const std::string& input,
-                         const std::string& output, const Views& views,
-                         const ProgressCallback& progress) {
-  const auto size = SLF_TRY(field_size(field));
-  if (size > kMaxEmbeddedBytes)
-    return unsupported(input, size, " bytes are too many for one page; ",
+Result<void> export_page(const Field& field, const std::string& input, const std::string& output,
+                         const Views& views, const ProgressCallback& progress) {
+  if (field.file_bytes() > kMaxEmbeddedBytes)
+    return unsupported(input, field.file_bytes(), " bytes are too many for one page; ",
                        "export to a folder, or make it smaller with slf repack");
-  const auto bytes = SLF_TRY(read_file(field, kMaxEmbeddedBytes));
-  const std::string_view content(reinterpret_cast<const char*>(bytes.data()), bytes.size());
+  const auto bytes = SLF_TRY(read_file(field.path(), kMaxEmbeddedBytes));
+  const std::string_view content = chars_of(bytes);
 
   const auto posters = SLF_TRY(make_posters(field, views));
   std::string scripts;
@@ -214,19 +198,18 @@ Result<void> export_page(const std::string& field, const std::string& input,
   return write_file(output, bytes_of(page));
 }
 
-Result<void> export_site(const std::string& field, const std::string& input,
-                         const std::string& folder, const Views& views,
-                         const ProgressCallback& progress) {
-  const auto size = SLF_TRY(field_size(field));
+Result<void> export_site(const Field& field, const std::string& input, const std::string& folder,
+                         const Views& views, const ProgressCallback& progress) {
+  const std::uint64_t size = field.file_bytes();
   std::error_code error;
   fs::create_directories(folder, error);
   if (error) return fail(ErrorCode::io, folder, ": cannot create: ", error.message());
   // The field takes long and may not fit, so it is copied first. It gets its name last.
   const std::string target = (fs::path(folder) / kFieldFile).string();
   std::optional<NewFile> copy;
-  if (!is_same_file(field, target)) {
+  if (!is_same_file(field.path(), target)) {
     SLF_TRY(check_output(target, {&input, 1}));  // as it is when it is made smaller
-    auto copied = SLF_TRY(copy_file(field, target, progress));
+    auto copied = SLF_TRY(copy_file(field.path(), target, progress));
     copy.emplace(std::move(copied));
     SLF_TRY(index_field(copy->path(), [&] { return !progress || progress({size, size, 0}); }));
   }
@@ -282,13 +265,13 @@ Result<void> check_export(const std::string& input, const std::string& output, E
   return is_same_file(input, target) ? Result<void>() : check_output(target, {&input, 1});
 }
 
-/// Makes a smaller field if the options request one, and returns its descriptor; otherwise the
+/// Makes a smaller field if the options request one, and returns its descriptor. Without one, the
 /// field is exported unchanged, as are several states for the sake of their light, since they would
 /// be encoded again. It is made beside the output and loses its name at once, so that nothing
 /// remains if the process is killed.
-Result<std::optional<int>> repack_if_requested(const Field& field, std::string output,
-                                               const ExportOptions& options,
-                                               const ProgressCallback& progress) {
+Result<Descriptor> repack_if_requested(const Field& field, std::string output,
+                                       const ExportOptions& options,
+                                       const ProgressCallback& progress) {
   const auto states = SLF_TRY(state_sources(field, options.states));
   RepackOptions repack = options.repack;
   repack.light = false;  // views do not need it
@@ -303,7 +286,7 @@ Result<std::optional<int>> repack_if_requested(const Field& field, std::string o
                         repack.codec.empty() && repack.depth;
   // In a folder, a field without an index gets one and so becomes larger; a repacked one has it.
   const bool fits = !limited || (one_file && field.file_bytes() <= room);
-  if (as_it_is && fits) return std::nullopt;
+  if (as_it_is && fits) return Descriptor();
   while (output.size() > 1 && output.back() == '/') output.pop_back();
   const std::string path = output + ".exporting";
   std::error_code ignored;
@@ -311,7 +294,7 @@ Result<std::optional<int>> repack_if_requested(const Field& field, std::string o
     return misuse(path, "exists; move or remove it: the export needs its name");
   SLF_TRY(limited ? repack_to_fit(states, path, repack, room, progress)
                   : join_states(states, path, repack, progress));
-  const int file = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
+  Descriptor file(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
   ::unlink(path.c_str());
   return file;
 }
@@ -338,17 +321,15 @@ Result<Field> export_field(const std::string& input, const std::string& output,
   SLF_TRY(check_export(input, output, options.existing));
   const auto field = SLF_TRY(Field::open(input));
   auto views = SLF_TRY(parse_views(options.views, field.shape().sphere));
-  const auto smaller = SLF_TRY(repack_if_requested(field, output, options, tiles));
-  const std::shared_ptr<void> closed(nullptr, [&](void*) {
-    if (smaller) ::close(*smaller);
-  });
-  const auto exported = SLF_TRY(smaller ? Field::open(path_of_descriptor(*smaller)) : field);
+  const auto file = SLF_TRY(repack_if_requested(field, output, options, tiles));
+  const bool smaller = file.get() >= 0;
+  const auto exported = SLF_TRY(smaller ? Field::open(path_of_descriptor(file.get())) : field);
   if (auto begun = begin_with(options.first, exported, views); !begun) {
     if (!smaller || !begin_with(options.first, field, views)) return tl::unexpected(begun.error());
     return fail(ErrorCode::usage, "what the page shows first is not among the states to keep");
   }
-  SLF_TRY(is_page_name(output) ? export_page(exported.path(), input, output, views, bytes)
-                               : export_site(exported.path(), input, output, views, bytes));
+  SLF_TRY(is_page_name(output) ? export_page(exported, input, output, views, bytes)
+                               : export_site(exported, input, output, views, bytes));
   return exported;
 }
 

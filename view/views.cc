@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "base/file.h"
+#include "base/join.h"
 #include "base/nesting.h"
 #include "base/try.h"
 #include "field/structure_looks.h"
@@ -67,16 +68,13 @@ std::string_view expected(const json& value, Kind kind) {
 
 Result<void> check_entry(const json& entry, std::span<const Member> members,
                          const std::string& place) {
-  std::string names;
-  for (const Member& member : members)
-    names += (names.empty() ? "\"" : ", \"") + std::string(member.name) + "\"";
-  if (!entry.is_object())
-    return fail(ErrorCode::bad_file, place, ": expected an object with the members ", names);
+  const std::string names =
+      joined(members, ", ", [](const Member& member) { return concat('"', member.name, '"'); });
+  if (!entry.is_object()) return bad_file(place, "expected an object with the members ", names);
   for (const auto& [name, value] : entry.items())
     if (std::none_of(members.begin(), members.end(),
                      [&, &key = name](const Member& member) { return member.name == key; }))
-      return fail(ErrorCode::bad_file, place, ": no member \"", name, "\" is known; those are ",
-                  names);
+      return bad_file(place, "no member \"", name, "\" is known; those are ", names);
   for (const Member& member : members) {
     const std::string key(member.name);
     if (!entry.contains(key) && !member.required) continue;
@@ -95,17 +93,14 @@ std::string escaped(const std::string& text) {
 
 /// That of the page's element for the structures that it shows first.
 std::string attribute(const std::vector<std::string>& structures) {
-  std::string shown;
-  for (const std::string& one : structures) shown += (shown.empty() ? "" : ",") + escaped(one);
-  return " structures=\"" + escape_html(shown) + "\"";
+  return " structures=\"" + escape_html(joined(structures, ",", escaped)) + "\"";
 }
 
 }  // namespace
 
 Result<ViewsFile> read_views(const std::string& path) {
   const auto bytes = SLF_TRY(read_file(path, kMaxBytes));
-  const std::string text(reinterpret_cast<const char*>(bytes.data()), bytes.size());
-  return ViewsFile{path, text.empty() ? " " : text};
+  return ViewsFile{path, bytes.empty() ? " " : std::string(chars_of(bytes))};
 }
 
 Result<Views> parse_views(const ViewsFile& file, const Sphere& sphere) {
@@ -119,18 +114,16 @@ Result<Views> parse_views(const ViewsFile& file, const Sphere& sphere) {
     return fail(ErrorCode::bad_file, path, ", line ", 1 + std::count(text.begin(), end, '\n'),
                 ": this is no JSON; schemas/views.json says what is expected");
   } catch (const std::exception& error) {
-    return fail(ErrorCode::bad_file, path, ": ", error.what());
+    return bad_file(path, error.what());
   }
   if (!root.is_object() || !(root.contains("views") || root.contains("notes")))
     return fail(ErrorCode::bad_file, path,
                 R"(: expected an object with the lists "views" and "notes", or one of them)");
   for (const auto& [name, list] : root.items()) {
     if (name != "views" && name != "notes")
-      return fail(ErrorCode::bad_file, path, ": no member \"", name,
-                  R"(" is known; those are "views" and "notes")");
+      return bad_file(path, "no member \"", name, R"(" is known; those are "views" and "notes")");
     if (!list.is_array() || list.size() > kMaxEntries)
-      return fail(ErrorCode::bad_file, path, ": ", name, ": expected a list of at most ",
-                  kMaxEntries);
+      return bad_file(path, name, ": expected a list of at most ", kMaxEntries);
     const auto& members = name == "views" ? std::span<const Member>(kView) : kNote;
     std::string place = path;
     place.append(": ").append(name).append("[");
@@ -141,11 +134,12 @@ Result<Views> parse_views(const ViewsFile& file, const Sphere& sphere) {
   for (std::size_t at = 0; (at = views.json.find('<', at)) != std::string::npos;)
     views.json.replace(at, 1, "\\u003c");
   if (const json list = root.value("views", json::array()); !list.empty()) {
-    std::vector<double> camera = list[0]["orbit"];
+    views.camera = list[0]["orbit"].get<std::vector<double>>();
     for (int k = 0; k < 3 && list[0].contains("target"); ++k)
-      camera.push_back((list[0]["target"][k].get<double>() - sphere.center[k]) / sphere.radius);
-    for (const double v : camera) views.first += (views.first.empty() ? "" : ",") + json(v).dump();
-    views.attributes = " view=\"" + views.first + "\"";
+      views.camera.push_back((list[0]["target"][k].get<double>() - sphere.center[k]) /
+                             sphere.radius);
+    const auto shown = joined(views.camera, ",", [](double v) { return json(v).dump(); });
+    views.attributes = " view=\"" + shown + "\"";
     if (list[0].contains("structures")) {
       views.structures = list[0]["structures"].get<std::vector<std::string>>();
       views.attributes += attribute(*views.structures);
@@ -155,7 +149,8 @@ Result<Views> parse_views(const ViewsFile& file, const Sphere& sphere) {
 }
 
 Result<void> begin_with(const First& first, const Field& field, Views& views) {
-  std::vector<StructureLook> looks = first.structures, unknown;
+  auto looks = SLF_TRY(parse_structures(first.structures, field.states()));
+  std::vector<StructureLook> unknown;
   if (!first.state.empty()) {
     const auto shown = SLF_TRY(field.in_state(first.state));
     const std::string name = field.states().empty() ? "" : field.states()[shown.state()];
@@ -166,13 +161,12 @@ Result<void> begin_with(const First& first, const Field& field, Views& views) {
   }
   if (looks.empty()) return {};
   if (!has_structures(field))
-    return fail(ErrorCode::usage, field.path(),
-                ": has no structures that its page could choose from");
+    return misuse(field.path(), "has no structures that its page could choose from");
   SLF_TRY(structures_of(field, looks, unknown));
   if (!unknown.empty()) {
     const auto number = SLF_TRY(field.in_state(unknown[0].name));  // or else names what there is
-    return fail(ErrorCode::usage, field.path(), ": a structure is named, here as '",
-                field.states()[number.state()], "'");
+    return misuse(field.path(), "a structure is named, here as '", field.states()[number.state()],
+                  "'");
   }
   views.structures.emplace();
   for (const StructureLook& look : looks) views.structures->push_back(text_of(look));

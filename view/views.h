@@ -26,8 +26,8 @@ struct ViewsFile {
 
 /// Views that were checked.
 struct Views {
-  std::string json{};   ///< without '<'; empty if there are none
-  std::string first{};  ///< the first view's camera, as the page's address has it; may be empty
+  std::string json{};            ///< without '<'; empty if there are none
+  std::vector<double> camera{};  ///< of the first view, as the page's address has it; may be empty
   std::optional<std::vector<std::string>> structures{};  ///< that the first view shows
   std::string state{};       ///< of the object, that is shown first; empty: state 0
   std::string attributes{};  ///< of the page's element for the first view, each after a space
@@ -40,8 +40,8 @@ struct Views {
 
 /// What the page of a field shows first, in place of what its views say.
 struct First {
-  std::string state{};  ///< of the object, by its name or number; empty: state 0
-  std::vector<StructureLook> structures{};  ///< that are shown; none: as the views say, or all
+  std::string state{};                    ///< of the object, by its name or number; empty: state 0
+  std::vector<std::string> structures{};  ///< that are shown; none: as the views say, or all
 };
 /// Adds what is shown first to views. usage: the field has no such state or structure.
 [[nodiscard]] Result<void> begin_with(const First& first, const Field& field, Views& views);

@@ -132,17 +132,15 @@ Result<TileKey> find_tile(const Field& field, const TileAddress& address) {
 
 Result<TileKey> find_tile(const Field& field, unsigned level, std::uint64_t index) {
   const FieldShape& shape = field.shape();
-  if (level > shape.levels)
-    return misuse(field.path(), "tile ", level, "/", index, ": the field has levels 0 to ",
-                  shape.levels);
+  const auto refuse = [&](const auto&... what) {
+    return misuse(field.path(), "tile ", level, "/", index, ": ", what...);
+  };
+  if (level > shape.levels) return refuse("the field has levels 0 to ", shape.levels);
   const TileKey key{static_cast<std::uint8_t>(level), index};
   if (shape.has(key)) return key;
   const std::uint64_t count = tile_count(level, shape.entry_extra_levels);
-  if (index < count)
-    return misuse(field.path(), "tile ", level, "/", index,
-                  ": is in a subfield that the field does not have");
-  return misuse(field.path(), "tile ", level, "/", index, ": level ", level, " has tiles 0 to ",
-                count - 1);
+  if (index < count) return refuse("is in a subfield that the field does not have");
+  return refuse("level ", level, " has tiles 0 to ", count - 1);
 }
 
 Result<void> list_tiles(const Field& field, const TileFilter& filter,

@@ -187,7 +187,7 @@ Result<void> add_footprint(const FieldFile& field, std::span<const TileKey> tile
   }
   std::vector<TileKey> read(tiles.begin(), tiles.end());
   for (const auto& [key, tile] : field.find(tiles, {}, /*advise=*/false))
-    for (const Reference& reference : tile.references) read.push_back(reference.tile);
+    read.insert(read.end(), tile.references.begin(), tile.references.end());
   sort_unique(read);
   for (const auto& tile : field.store().find_all(read)) {
     if (!tile) return tl::unexpected(tile.error());

@@ -9,8 +9,6 @@ namespace {
 
 /// Most columns between those at which depth is found, along p and q.
 constexpr unsigned kSparse = 8;
-/// The colour before the first sample that is seen.
-constexpr std::uint32_t kGray = 0xFF808080;
 
 /// Repeats the last point, because kernels work in whole vectors.
 void fill_padding(Points& points) {
@@ -116,7 +114,7 @@ void TilePredictor::predict(std::span<const ReferenceTile> from,
     }
     predict_samples(coarser_, here, points_, count, alpha.data(), depth.data(), color.data());
     // Where the references show nothing, repeat the colour of the previous sample.
-    std::uint32_t last = kGray;
+    std::uint32_t last = codec::kUnpredictedColor;
     for (std::size_t c = 0; c < count; ++c) {
       if (color[c] == 0)
         color[c] = last & 0xFFFFFF;  // counts less than what is seen

@@ -81,16 +81,15 @@ Candidates::Candidates(const LevelGeometry& coarser, const References& reference
   }
 }
 
-Reference Candidates::operator[](std::size_t k) const {
+TileKey Candidates::operator[](std::size_t k) const {
   const TileKey first = tile_key({coarser_.entry_section(references_.sections[k / exits_]),
                                   coarser_.exit_section(static_cast<std::uint32_t>(k % exits_))});
-  return {in_state(first, state_)};
+  return in_state(first, state_);
 }
 
-std::optional<std::size_t> Candidates::find(const Reference& reference) const {
-  if (reference.tile.level != coarser_.level()) return std::nullopt;
-  const TileSections at =
-      sections_of(reference.tile, coarser_.entry_section(0).level - coarser_.level());
+std::optional<std::size_t> Candidates::find(TileKey key) const {
+  if (key.level != coarser_.level()) return std::nullopt;
+  const TileSections at = sections_of(key, coarser_.entry_section(0).level - coarser_.level());
   const auto& slots = references_.sections;
   const auto slot = std::lower_bound(slots.begin(), slots.end(), at.entry.index);
   if (slot == slots.end() || *slot != at.entry.index) return std::nullopt;

@@ -11,13 +11,7 @@
 
 namespace slf {
 
-/// A tile that another is predicted from.
-struct Reference {
-  TileKey tile;
-  friend auto operator<=>(const Reference&, const Reference&) = default;
-};
-
-/// The references of the tiles entered through one section: the same for all exit sections.
+/// What the tiles entered through one section are predicted from: the same for all exit sections.
 struct References {
   struct Vertex {
     std::uint8_t slot = 0;  ///< index in `sections` of its owner
@@ -48,9 +42,9 @@ class Candidates {
              std::uint64_t state);
 
   [[nodiscard]] std::size_t size() const { return kinds_.size(); }
-  [[nodiscard]] Reference operator[](std::size_t k) const;
+  [[nodiscard]] TileKey operator[](std::size_t k) const;
   /// The index of one; none if it is no candidate.
-  [[nodiscard]] std::optional<std::size_t> find(const Reference& reference) const;
+  [[nodiscard]] std::optional<std::size_t> find(TileKey key) const;
   /// What each has in common with the tile (codec::Predicted::kinds): 2 if their entry sections lie
   /// apart, plus 1 if their exit sections are in different octants.
   [[nodiscard]] const std::vector<std::uint8_t>& kinds() const { return kinds_; }

@@ -195,8 +195,7 @@ HttpSource::~HttpSource() = default;
 Result<std::shared_ptr<HttpSource>> HttpSource::open(const std::string& url,
                                                      const RemoteOptions& options,
                                                      const ProgressCallback& progress) {
-  if (const auto ready = load_curl(); !ready)
-    return fail(ready.error().code, url, ": ", ready.error().message);
+  SLF_TRY(at_place(load_curl(), url));
   std::shared_ptr<HttpSource> source(new HttpSource(url, options));
   if (source->escaped_.empty()) return source->no_memory();
   std::vector<Transfer> first(1);

@@ -10,7 +10,7 @@ Result<RemoteField> RemoteField::open(const std::string& url, const RemoteOption
                                       const ProgressCallback& progress) {
   auto source = SLF_TRY(HttpSource::open(url, options, progress));
   auto store = SLF_TRY(storage::TileStore::open(source));
-  auto file = SLF_TRY(FieldFile::open(std::move(store)));
+  auto file = SLF_TRY(FieldFile::open(store));
   return RemoteField(std::move(source), Field::of(std::move(file)));
 }
 

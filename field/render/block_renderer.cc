@@ -5,6 +5,7 @@
 #include <limits>
 #include <utility>
 
+#include "base/try.h"
 #include "field/render/blend_kernel.h"
 #include "field/render/cubic_kernel.h"
 
@@ -47,7 +48,7 @@ Result<void> BlockRenderer::draw(const CameraBasis& basis, const PixelBlock& blo
   for (unsigned level = options_.level + 1; level-- > 0 && rays_.count > 0;) {
     unavailable_.count = 0;
     const std::size_t rays = rays_.count;
-    if (auto ok = draw_level(field_.geometry(level)); !ok) return ok;
+    SLF_TRY(draw_level(field_.geometry(level)));
     counts_.level[level] += rays - unavailable_.count;
     std::swap(rays_, unavailable_);
   }
@@ -89,17 +90,17 @@ Result<void> BlockRenderer::draw_level(const LevelGeometry& geometry) {
       geometry, rays_.leave, rays_.count,
       mode == RenderMode::nearest || mode == RenderMode::uv ? ExitUse::nearest : ExitUse::all,
       exits_);
-  if (auto ok = gather_and_blend(geometry, pass); !ok || mode != RenderMode::depth) return ok;
-
+  SLF_TRY(gather_and_blend(geometry, pass));
+  if (mode != RenderMode::depth) return {};
   refinement_.begin(geometry, pass);
   while (refinement_.next_pass(geometry, rays_, entries_, pass))
-    if (auto ok = gather_and_blend(geometry, pass); !ok) return ok;
+    SLF_TRY(gather_and_blend(geometry, pass));
   return {};
 }
 
 Result<void> BlockRenderer::gather_and_blend(const LevelGeometry& geometry, const Pass& pass) {
   const bool wait = options_.wait || geometry.level() == 0;
-  if (auto ok = gatherer_.gather(geometry, wait, rays_.count, entries_, pass); !ok) return ok;
+  SLF_TRY(gatherer_.gather(geometry, wait, rays_.count, entries_, pass));
   const BlockSamples& samples = gatherer_.samples();
   const bool half_floats = gatherer_.half_floats();
   DepthEstimates& estimates = refinement_.estimates();

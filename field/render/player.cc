@@ -353,57 +353,53 @@ Result<void> Player::draw(const Camera& camera, Image& image, FrameReport* repor
 }
 
 Result<void> Player::State::draw(const Camera& camera, Image& image, FrameReport* report) {
-  State& s = *this;
   const auto begin = Clock::now();
   // If there is time between frames, the loader pauses while a frame is drawn.
-  const bool alone = s.loader && begin - s.ended > (s.ended - s.began) / kGap;
-  if (s.loader) s.loader->begin_frame(alone);
-  TileCache& cache = s.cache();
-  const std::uint32_t frame = cache.now() + 1;  // this frame's number, or a lower one
+  const bool alone = loader && begin - ended > (ended - began) / kGap;
+  if (loader) loader->begin_frame(alone);
+  const std::uint32_t frame = cache().now() + 1;  // this frame's number, or a lower one
   ViewStatistics statistics;
-  auto ok = s.renderer.render(camera, s.options.view, image, &statistics);
-  if (s.loader) s.loader->end_frame();
+  auto ok = renderer.render(camera, options.view, image, &statistics);
+  if (loader) loader->end_frame();
   if (!ok) return ok;
-  s.began = begin, s.ended = Clock::now();
-  const std::chrono::duration<double> took = s.ended - s.began;
+  began = begin, ended = Clock::now();
+  const std::chrono::duration<double> took = ended - began;
+  const auto level = static_cast<unsigned>(statistics.level_pixels.size() - 1);
 
   if (report) {
-    const CacheStatistics now = cache.statistics();
+    const CacheStatistics now = cache().statistics();
     *report = {took.count(),
                statistics.pixels_hit,
                statistics.level_pixels.back(),
                statistics.tiles.size(),
                statistics.misses.size(),
-               now.decodes - s.seen.decodes,
-               now.loaded_bytes - s.seen.loaded_bytes,
+               now.decodes - seen.decodes,
+               now.loaded_bytes - seen.loaded_bytes,
                statistics.level_pixels,
                0};
-    const auto requested = static_cast<unsigned>(statistics.level_pixels.size() - 1);
-    report->load_level = s.loader ? s.loader->level(requested) : requested;
-    s.seen = now;
+    report->load_level = loader ? loader->level(level) : level;
+    seen = now;
   }
-  if (!s.loader) return {};
-  if (auto error = s.loader->take_error()) return tl::unexpected(*error);
+  if (!loader) return {};
+  if (auto error = loader->take_error()) return tl::unexpected(*error);
   std::vector<Camera> next;
-  if (s.options.loading == Loading::ahead) {
-    const glm::dvec3& center = s.renderer.tiles().field().shape().sphere.center;
+  if (options.loading == Loading::ahead) {
+    const glm::dvec3& center = renderer.tiles().field().shape().sphere.center;
     if (!statistics.misses.empty()) next.push_back(camera);  // these may lead to further tiles
-    s.steady = s.before && s.expected && is_near(camera, *s.expected, *s.before, s.options.horizon)
-                   ? s.steady + 1
-                   : 0;
+    steady =
+        before && expected && is_near(camera, *expected, *before, options.horizon) ? steady + 1 : 0;
     // While the camera moves as predicted, earlier plans have covered the nearer views. Otherwise
     // plan views 1, 2, 4, … frames ahead: tiles serve several frames, so a few views suffice.
-    const unsigned first = s.steady < s.options.horizon ? 1 : std::max(s.options.horizon, 1u);
-    for (std::uint64_t k = first; s.before && k <= s.options.horizon; k *= 2) {
-      const Camera ahead = predict(center, *s.before, camera, static_cast<double>(k));
+    const unsigned first = steady < options.horizon ? 1 : std::max(options.horizon, 1u);
+    for (std::uint64_t k = first; before && k <= options.horizon; k *= 2) {
+      const Camera ahead = predict(center, *before, camera, static_cast<double>(k));
       if (RayGenerator::make(ahead)) next.push_back(ahead);  // else it is no valid camera
     }
-    if (s.before) s.expected = predict(center, *s.before, camera, 1);
+    if (before) expected = predict(center, *before, camera, 1);
   }
-  const auto level = static_cast<unsigned>(statistics.level_pixels.size() - 1);
-  const bool resting = s.before && *s.before == camera;
-  s.loader->plan(std::move(statistics.misses), std::move(next), level, frame, resting);
-  s.before = camera;
+  const bool resting = before && *before == camera;
+  loader->plan(std::move(statistics.misses), std::move(next), level, frame, resting);
+  before = camera;
   return {};
 }
 

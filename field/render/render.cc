@@ -179,49 +179,24 @@ class BlockOrder {
   std::vector<PixelBlock> blocks_;
 };
 
-/// A view to draw.
-struct ViewPlan {
-  const FieldFile& field;
-  TileCache& cache;
-  std::span<std::unique_ptr<BlockRenderer>> renderers;  ///< by thread
-  std::uint64_t pin_bytes;                              ///< of each
-  const BlockOrder& blocks;
-  std::size_t parts;  ///< of the order, which threads begin with
-  const Camera& camera;
-  const RayGenerator& rays;
-  const ViewOptions& options;
-  bool lists_tiles;
-  Reporter& progress;
-  Image& image;
-};
-
 /// One view being drawn: any thread takes blocks, each of which writes pixels of its own.
 class ViewJob {
  public:
-  explicit ViewJob(const ViewPlan& view)
-      : view_(view),
-        frame_(view.cache.begin_frame(view.lists_tiles)),
-        basis_(make_basis(view.field.shape().sphere, view.rays, view.camera.width)),
-        parts_(view.parts),
-        level_pixels_(view.options.level + 1) {
-    Image& image = view.image;
-    image.width = view.camera.width;
-    image.height = view.camera.height;
-    image.rgba.resize(std::size_t{image.width} * image.height);
-    image.depth.resize(view.options.with_depth ? image.rgba.size() : 0);
-    for (std::uint32_t part = 0; part < parts_.size(); ++part) parts_[part].next = begin_of(part);
+  /// `frame` as for SampleGatherer::begin(); `parts`: of the blocks, which threads begin with.
+  ViewJob(std::uint32_t frame, const BlockOrder& blocks, std::size_t parts, std::size_t levels,
+          Reporter& progress)
+      : frame_(frame), blocks_(blocks), parts_(parts), progress_(progress), level_pixels_(levels) {
+    for (std::uint32_t part = 0; part < parts; ++part) parts_[part].next = begin_of(part);
   }
 
-  /// Draws blocks until none are left. Each thread calls it. A thread first draws a part of its
-  /// own, so that threads share few tiles and cache lines, then helps with the other parts. If
-  /// there is one part, all threads draw successive blocks of it.
-  void work() {
+  /// Draws blocks until none are left. Each thread calls it, with a number and a renderer of its
+  /// own. It first draws the part with this number, so that threads share few tiles and cache
+  /// lines, then helps with the other parts. If there is one part, all threads draw successive
+  /// blocks of it.
+  void work(std::uint32_t own, BlockRenderer& renderer, const CameraBasis& basis,
+            const ViewOptions& options, const glm::dvec3& eye, Image& image) {
     std::optional<Error> error;
-    const std::uint32_t own = workers_++;
-    auto& made = view_.renderers[own];
-    if (!made) made = std::make_unique<BlockRenderer>(view_.field, view_.cache, view_.pin_bytes);
-    BlockRenderer& renderer = *made;
-    renderer.begin(frame_, view_.options, view_.camera.eye, view_.image);
+    renderer.begin(frame_, options, eye, image);
     for (std::uint32_t k = 0; k < parts_.size(); ++k) {
       const auto part = (own + k) % static_cast<std::uint32_t>(parts_.size());
       const std::uint32_t end = begin_of(part + 1);
@@ -230,7 +205,7 @@ class ViewJob {
            !error && (begin = parts_[part].next.fetch_add(kTakenBlocks)) < end;) {
         const std::uint32_t taken = std::min(begin + kTakenBlocks, end);
         for (std::uint32_t block = begin; !error && block < taken; ++block)
-          if (auto ok = renderer.draw(basis_, view_.blocks[block]); !ok) error = ok.error();
+          if (auto ok = renderer.draw(basis, blocks_[block]); !ok) error = ok.error();
         drawn_ += taken - begin;
         if (error || std::this_thread::get_id() != caller_) continue;
         if (auto ok = report(drawn_); !ok) error = ok.error();
@@ -245,13 +220,13 @@ class ViewJob {
     hit_ += renderer.counts().hit;
     if (!error) return;
     if (!error_) error_ = error;
-    for (Part& part : parts_) part.next = view_.blocks.count();
+    for (Part& part : parts_) part.next = blocks_.count();
   }
 
   [[nodiscard]] const std::optional<Error>& error() const { return error_; }
   /// Only for the thread that made this. `drawn`: blocks.
   [[nodiscard]] Result<void> report(std::uint32_t drawn) {
-    return view_.progress.add(drawn - std::exchange(reported_, drawn));
+    return progress_.add(drawn - std::exchange(reported_, drawn));
   }
 
   /// Fills in the engine's counts.
@@ -272,16 +247,16 @@ class ViewJob {
   };
 
   [[nodiscard]] std::uint32_t begin_of(std::uint32_t part) const {
-    return static_cast<std::uint32_t>(std::uint64_t{view_.blocks.count()} * part / parts_.size());
+    return static_cast<std::uint32_t>(std::uint64_t{blocks_.count()} * part / parts_.size());
   }
 
-  const ViewPlan view_;
   std::atomic<std::uint32_t> frame_;
-  const CameraBasis basis_;
+  const BlockOrder& blocks_;
   std::vector<Part> parts_;
+  Reporter& progress_;
   std::uint32_t reported_ = 0;
   const std::thread::id caller_ = std::this_thread::get_id();
-  std::atomic<std::uint32_t> workers_{0}, drawn_{0};
+  std::atomic<std::uint32_t> drawn_{0};
   std::mutex mutex_;  // guards what follows
   std::optional<Error> error_;
   std::vector<TileKey> touched_, misses_;
@@ -307,11 +282,12 @@ Result<void> Renderer::draw(const Camera& camera, const ViewOptions& requested, 
                             ViewStatistics* statistics, const ProgressCallback& progress) {
   const auto rays = SLF_TRY(RayGenerator::make(camera));
   const FieldFile& field = state_->tiles.field().file();
+  TileCache& cache = state_->tiles.cache();
   SLF_TRY(check_view(state_->tiles.field(), requested));
   const ViewOptions options = resolved(requested, field.shape(), camera);
-  SLF_TRY(state_->tiles.cache().check_level(options.level));
+  SLF_TRY(cache.check_level(options.level));
 
-  const std::uint64_t decodes_before = state_->tiles.cache().statistics().decodes;
+  const std::uint64_t decodes_before = cache.statistics().decodes;
   const BlockOrder blocks(camera.width, camera.height);
   Reporter reporter(progress, {0, blocks.count(), 0},
                     field.path() + ": stopped while a view was drawn");
@@ -322,27 +298,28 @@ Result<void> Renderer::draw(const Camera& camera, const ViewOptions& requested, 
     ViewStatistics found;
     SLF_TRY(fetch(camera, options, image, found, reporter));
     if (found.misses.empty()) {  // the last picture lacks nothing
-      found.decodes = state_->tiles.cache().statistics().decodes - decodes_before;
+      found.decodes = cache.statistics().decodes - decodes_before;
       if (statistics) *statistics = std::move(found);
       return reporter.add(blocks.count());
     }
   }
-  state_->tiles.cache().reset_peak();
+  cache.reset_peak();
   const auto threads =
       static_cast<unsigned>(std::min<std::size_t>(state_->renderers.size(), blocks.count()));
-  ViewJob job({.field = field,
-               .cache = state_->tiles.cache(),
-               .renderers = std::span(state_->renderers).first(threads),
-               .pin_bytes = state_->pin_bytes,
-               .blocks = blocks,
-               .parts = std::min(state_->parts, threads),
-               .camera = camera,
-               .rays = rays,
-               .options = options,
-               .lists_tiles = statistics != nullptr,
-               .progress = reporter,
-               .image = image});
-  SLF_TRY(on_threads(threads, [&] { job.work(); }));
+  image.width = camera.width;
+  image.height = camera.height;
+  image.rgba.resize(std::size_t{image.width} * image.height);
+  image.depth.resize(options.with_depth ? image.rgba.size() : 0);
+  const CameraBasis basis = make_basis(field.shape().sphere, rays, camera.width);
+  ViewJob job(cache.begin_frame(statistics != nullptr), blocks, std::min(state_->parts, threads),
+              options.level + 1, reporter);
+  std::atomic<std::uint32_t> workers{0};
+  SLF_TRY(on_threads(threads, [&] {
+    const std::uint32_t worker = workers++;
+    auto& renderer = state_->renderers[worker];
+    if (!renderer) renderer = std::make_unique<BlockRenderer>(field, cache, state_->pin_bytes);
+    job.work(worker, *renderer, basis, options, camera.eye, image);
+  }));
   if (job.error()) return tl::unexpected(*job.error());
   SLF_TRY(job.report(blocks.count()));
   SLF_TRY(field.unchanged());
@@ -350,9 +327,9 @@ Result<void> Renderer::draw(const Camera& camera, const ViewOptions& requested, 
   if (statistics) {
     *statistics = {};
     job.fill(*statistics);
-    const CacheStatistics cache = state_->tiles.cache().statistics();
-    statistics->decodes = cache.decodes - decodes_before;
-    statistics->decoded_peak_bytes = cache.decoded_peak_bytes;
+    const CacheStatistics now = cache.statistics();
+    statistics->decodes = now.decodes - decodes_before;
+    statistics->decoded_peak_bytes = now.decoded_peak_bytes;
   }
   return {};
 }

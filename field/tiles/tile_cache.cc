@@ -209,8 +209,8 @@ TileCache::Batch TileCache::next_batch(std::span<const TileKey> keys,
   for (const std::size_t k : absent) {
     std::vector<TileKey> added;
     if (const auto tile = found.find(keys[k]); tile != found.end())
-      for (const Reference& reference : tile->second.references)
-        if (!references.contains(reference.tile)) added.push_back(reference.tile);
+      for (const TileKey reference : tile->second.references)
+        if (!references.contains(reference)) added.push_back(reference);
     bytes += cost(keys[k]);
     for (const TileKey key : added) bytes += cost(key);
     if (count > 0 && bytes > room) break;
@@ -330,17 +330,17 @@ Result<void> TileCache::load_samples(LoadedTile& tile, const FoundTiles& found) 
     SLF_TRY(store.check(tile.ref));  // before what the payload names is loaded
     auto listed = is_known ? known->second.references : field_.references(tile.ref);
     const auto references = SLF_TRY(std::move(listed));
-    for (const Reference& reference : references) {
-      Pin loaded = SLF_TRY(load_one(reference.tile, found));
+    for (const TileKey reference : references) {
+      Pin loaded = SLF_TRY(load_one(reference, found));
       const Pin& pin = pins.emplace_back(std::move(loaded));
       from.push_back({reference, pin.samples()});
-      if (reference.tile.level == tile.key.level) {
+      if (reference.level == tile.key.level) {
         tile.chain = pin.tile_->chain + 1;
         if (tile.chain > kMaxChain)
           return fail(ErrorCode::bad_file, field_.place(tile.key), kChained);
       }
       if (pin.state() != storage::TileState::missing) continue;
-      tile.lacking = pin.tile_->lacking.value_or(reference.tile);
+      tile.lacking = pin.tile_->lacking.value_or(reference);
       tile.ref.state = storage::TileState::missing;
       charge(tile, 0, is_known, true);
       return {};

@@ -172,7 +172,10 @@ class TileCache {
   [[nodiscard]] Result<void> compose(LoadedTile& tile);
   /// The memory for a tile's samples.
   [[nodiscard]] std::span<std::byte> allocate(LoadedTile& tile, std::size_t bytes);
-  /// Makes room for a tile and counts it. `found`: its look-up is counted.
+  /// Before a tile gets memory for `bytes` bytes of samples: removes others until these fit into
+  /// the budget, where the tile counts with them from now on. Waits for memory of removed tiles
+  /// that is still read. Counts against the budget of the map what was read of it: the tile's
+  /// payload if `mapped`, else its look-up, unless locate() has `found` the tile and counted that.
   void charge(LoadedTile& tile, std::uint64_t bytes, bool found, bool mapped);
 
   struct Part {

@@ -8,9 +8,9 @@
 #include <mutex>
 #include <optional>
 #include <set>
-#include <sstream>
 #include <vector>
 
+#include "base/join.h"
 #include "base/mix.h"
 #include "base/parallel.h"
 #include "base/reporter.h"
@@ -77,15 +77,13 @@ Result<void> check_same(const std::string& file, const Manifest& existing, const
                         const char* cure) {
   const std::string differs = first_difference(existing, expected);
   if (differs.empty() && existing.part == expected.part) return {};
-  if (differs.empty())
-    return fail(ErrorCode::usage, file, ": exists and is another part of the field; ", cure);
+  if (differs.empty()) return misuse(file, "exists and is another part of the field; ", cure);
   if (differs == "/provenance/content")
-    return fail(ErrorCode::usage, file,
-                ": exists and was built from other data: the voxels of the input, or their "
-                "geometry, have changed; ",
-                cure);
-  return fail(ErrorCode::usage, file, ": exists and was built with other settings (", differs,
-              " differs); ", cure);
+    return misuse(file,
+                  "exists and was built from other data: the voxels of the input, or their "
+                  "geometry, have changed; ",
+                  cure);
+  return misuse(file, "exists and was built with other settings (", differs, " differs); ", cure);
 }
 
 /// An earlier, incomplete or complete build of the same field.
@@ -112,11 +110,11 @@ Result<std::optional<EarlierBuild>> find_earlier_build(const FieldOutput& output
   const std::string file = in_place ? output.path : output.unfinished();
   std::error_code ignored;
   if (!in_place && std::filesystem::is_symlink(file, ignored))
-    return tl::unexpected(name_is_taken({ErrorCode::usage, file + ": is a link"}));
+    return name_is_taken({ErrorCode::usage, file + ": is a link"});
   if (!in_place && !std::filesystem::exists(file, ignored)) return std::nullopt;
   const auto field = FieldFile::whole(file);
   if (!field && in_place) return tl::unexpected(field.error());
-  if (!field) return tl::unexpected(name_is_taken(field.error()));
+  if (!field) return name_is_taken(field.error());
   const Manifest& existing = (*field)->manifest();
   SLF_TRY(check_same(file, existing, manifest,
                      in_place ? "choose another output, or replace it"
@@ -136,9 +134,7 @@ bool predicts(const Manifest& manifest) { return codec::is_predictive(manifest.c
 Result<std::shared_ptr<const FieldFile>> open_coarser(const Manifest& expected,
                                                       ShardOptions& options) {
   if (options.coarser.empty()) return std::shared_ptr<const FieldFile>();
-  const auto refuse = [&](const auto&... what) {
-    return fail(ErrorCode::usage, options.coarser, ": ", what...);
-  };
+  const auto refuse = [&](const auto&... what) { return misuse(options.coarser, what...); };
   if (!predicts(expected))
     return refuse("is not needed: with this codec no tile is predicted from coarser ones");
   auto field = SLF_TRY(FieldFile::whole(options.coarser));
@@ -262,16 +258,12 @@ Result<void> write_missing(BuildJob& job, std::uint64_t begin, std::uint64_t end
   auto committed_at = Clock::now();
   const auto new_maker = [&] {
     return [&, traced = TracedTile()](std::uint64_t k) mutable {
-      const auto make = [&] { return job.make(job.key(begin + k), traced); };
-      return guarded(make).map_error([&](const Error& error) {
-        return Error{error.code, path + ": " + error.message};
-      });
+      return at_place(guarded([&] { return job.make(job.key(begin + k), traced); }), path);
     };
   };
   const auto put = [&](std::uint64_t k, EncodedTile tile) -> Result<void> {
     const TileKey key = job.key(begin + k);
-    SLF_TRY(tile.back > 0 ? writer.put_same(key, tile.back)
-                          : writer.put(key, std::move(tile.payload)));
+    SLF_TRY(writer.put(key, std::move(tile.payload), tile.back));
     auto go_on = progress.add(job.tracer.rays(key));
     if (!go_on || Clock::now() - committed_at >= interval) {
       SLF_TRY(writer.commit());
@@ -303,11 +295,7 @@ Result<void> write_levels(BuildJob& job, FieldWriter& writer, const std::string&
   return {};
 }
 
-std::string text_of(const glm::dvec3& v) {
-  std::ostringstream text;
-  text << v.x << "," << v.y << "," << v.z;
-  return text.str();
-}
+std::string text_of(const glm::dvec3& v) { return concat(v.x, ",", v.y, ",", v.z); }
 
 /// usage: a state has no name, or that of another.
 Result<void> check_names(std::span<const std::pair<std::string, OwnedJson>> states) {
@@ -451,7 +439,7 @@ Result<BuildReport> build_field(const Scene& scene, const std::string& path,
 Result<BuildReport> build_field(std::span<const FieldState> states, const std::string& path,
                                 const BuildOptions& options, const ProgressCallback& progress) {
   try {
-    if (states.empty()) return fail(ErrorCode::usage, path, ": no state to build");
+    if (states.empty()) return misuse(path, "no state to build");
     auto manifest = SLF_TRY(plan(states, options));
     TileSource source;
     for (const FieldState& state : states) {
@@ -479,7 +467,7 @@ OwnedJson rays_of(const FieldFile& field) {
 
 Result<RepackReport> join(std::span<const StateSource> states, const std::string& path,
                           const RepackOptions& options, const ProgressCallback& progress) {
-  if (states.empty()) return fail(ErrorCode::usage, path, ": no state to copy");
+  if (states.empty()) return misuse(path, "no state to copy");
   TileSource source;
   std::vector<std::unique_ptr<TileCache>> caches;
   std::vector<std::pair<std::string, OwnedJson>> provenances;
@@ -487,10 +475,9 @@ Result<RepackReport> join(std::span<const StateSource> states, const std::string
     const FieldFile& field = state.field.file();
     const FieldFile& first = states[0].field.file();
     if (rays_of(field) != rays_of(first))
-      return fail(ErrorCode::usage, field.path(), ": has another sphere, lattice or format than ",
-                  first.path());
+      return misuse(field.path(), "has another sphere, lattice or format than ", first.path());
     if (field.manifest().part)
-      return fail(ErrorCode::usage, field.path(), ": is a part of a field; merge the parts first");
+      return misuse(field.path(), "is a part of a field; merge the parts first");
     caches.push_back(std::make_unique<TileCache>(
         field, options.memory / 3 / std::min<std::size_t>(8, states.size())));
     source.inputs.push_back(field.path());
@@ -503,7 +490,6 @@ Result<RepackReport> join(std::span<const StateSource> states, const std::string
   manifest.shape = planned.shape;
   manifest.format = planned.format;
   manifest.codec = planned.codec->spec();
-  manifest.filtered_levels = first.manifest().filtered_levels.value_or(first.shape().levels);
   manifest.set_states(provenances);
   source.read = [&](TileKey key, TracedTile& tile) -> Result<void> {
     TileCache& cache = *caches[state_of(key)];

@@ -41,13 +41,11 @@ struct Coarser {
   std::vector<TileCache::Pin> pins;
   std::vector<ReferenceSamples> samples;
 
-  [[nodiscard]] static Result<Coarser> load(TileCache& cache, std::span<const Reference> named) {
-    std::vector<TileKey> keys;
-    for (const Reference& reference : named) keys.push_back(reference.tile);
+  [[nodiscard]] static Result<Coarser> load(TileCache& cache, std::span<const TileKey> keys) {
     Coarser loaded;
     loaded.pins = SLF_TRY(cache.load(keys));
     for (std::size_t k = 0; k < keys.size(); ++k)
-      loaded.samples.push_back({named[k], loaded.pins[k].samples()});
+      loaded.samples.push_back({keys[k], loaded.pins[k].samples()});
     return loaded;
   }
 };
@@ -66,7 +64,7 @@ Result<void> encode_tile(TileCache& coarser, const FieldFile* earlier, TileKey k
     const auto named = SLF_TRY(earlier->references(tile));
     const auto below = SLF_TRY(Coarser::load(coarser, named));
     SLF_TRY(earlier->decode(tile, below.samples, decoded));
-    from.samples.push_back({{tile.key}, decoded});
+    from.samples.push_back({tile.key, decoded});
     SLF_TRY(coder.encode(key, samples, from.samples, other));
     from.samples.pop_back();
     if (other.size() < payload.size()) payload.swap(other);

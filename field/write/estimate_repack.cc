@@ -56,8 +56,8 @@ class SampleEncoder {
     if (!is_stored) return std::nullopt;
     std::vector<Bytes> kept;
     std::vector<ReferenceSamples> from;
-    for (const Reference& reference : coder_.choose(key, samples)) {
-      const bool has_samples = SLF_TRY(read(reference.tile, kept.emplace_back()));
+    for (const TileKey reference : coder_.choose(key, samples)) {
+      const bool has_samples = SLF_TRY(read(reference, kept.emplace_back()));
       if (has_samples) from.push_back({reference, kept.back()});
     }
     SLF_TRY(coder_.encode(key, samples, from, payload));
@@ -138,11 +138,11 @@ Result<RepackEstimate> estimate_repack(const Field& handle, const RepackOptions&
   if (plan.copy) total = SLF_TRY(count(field, shape));
   const SampleEncoder encoder(tiles, plan);
   for (unsigned level = 0; !plan.copy && level <= shape.levels; ++level) {
-    const auto estimate =
-        sample(encoder, order, order.first_number(level), order.first_number(level + 1),
-               thread_count(options.threads), reporter);
-    if (!estimate) return fail(estimate.error().code, field.path(), ": ", estimate.error().message);
-    total += *estimate;
+    const auto estimate = SLF_TRY(
+        at_place(sample(encoder, order, order.first_number(level), order.first_number(level + 1),
+                        thread_count(options.threads), reporter),
+                 field.path()));
+    total += estimate;
   }
   const ByteSpan light = SLF_TRY(options.light ? field.light() : ByteSpan());
   std::uint64_t indexed = 0;

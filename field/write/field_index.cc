@@ -22,8 +22,8 @@ Result<std::vector<ReferenceIndex::Tile>> references_of(const FieldFile& field, 
     if (go_on && !go_on()) return fail(ErrorCode::cancelled, field.path(), ": interrupted");
     if (tile.state != storage::TileState::stored || !field.shape().has(tile.key)) return {};
     auto& of_all = references[in_state(tile.key, 0)];
-    for (const Reference& reference : field.coder().references(tile.key, tile.payload))
-      if (reference.tile.level < level) of_all.push_back(in_state(reference.tile, 0));
+    for (const TileKey reference : field.coder().references(tile.key, tile.payload))
+      if (reference.level < level) of_all.push_back(in_state(reference, 0));
     sort_unique(of_all);
     return {};
   };

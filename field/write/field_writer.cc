@@ -15,7 +15,6 @@
 namespace slf {
 namespace {
 
-using storage::TileState;
 using storage::TileWriter;
 
 constexpr std::uint64_t kPendingLimit = 32ull << 20;
@@ -27,19 +26,17 @@ constexpr const char* kAnotherProcess = ": another process is writing it";
 Result<void> remove_leftover(const std::string& file, ByteSpan manifest) {
   struct stat status {};
   if (::lstat(file.c_str(), &status) != 0) return {};
-  if (S_ISLNK(status.st_mode))
-    return tl::unexpected(name_is_taken({ErrorCode::usage, file + ": is a link"}));
+  if (S_ISLNK(status.st_mode)) return name_is_taken({ErrorCode::usage, file + ": is a link"});
   const auto writer = TileWriter::resume(file);  // holds the writer's lock
   if (!writer && writer.error().code == ErrorCode::busy) return tl::unexpected(writer.error());
-  if (!writer) return tl::unexpected(name_is_taken(writer.error()));
+  if (!writer) return name_is_taken(writer.error());
   const auto field = FieldFile::whole(file);
-  if (!field) return tl::unexpected(name_is_taken(field.error()));
+  if (!field) return name_is_taken(field.error());
   const auto content = (*field)->content();
-  if (!content) return tl::unexpected(name_is_taken(content.error()));
+  if (!content) return name_is_taken(content.error());
   const auto found = (*field)->store().blob(kManifestBlob);
   if (content->complete && !(found && std::ranges::equal(*found, manifest)))
-    return tl::unexpected(
-        name_is_taken({ErrorCode::usage, file + ": is a complete field, no draft of one"}));
+    return name_is_taken({ErrorCode::usage, file + ": is a complete field, no draft of one"});
   unlink(file.c_str());
   return {};
 }
@@ -56,9 +53,9 @@ Result<Bytes> encode(const Manifest& manifest, const std::string& path) {
 
 }  // namespace
 
-Error name_is_taken(Error error) {
+tl::unexpected<Error> name_is_taken(Error error) {
   error.message += "; move or remove it: a new file needs its name";
-  return error;
+  return tl::unexpected(std::move(error));
 }
 
 Result<FieldOutput> FieldOutput::at(const std::string& path, Existing existing,
@@ -68,9 +65,8 @@ Result<FieldOutput> FieldOutput::at(const std::string& path, Existing existing,
   for (const std::string& draft : {output.unfinished(), output.repacking()}) {
     for (const std::string& input : inputs)
       if (is_same_file(draft, input))
-        return fail(ErrorCode::usage, input, ": is the input, and ", draft,
-                    " is the name under which ", path,
-                    " grows; rename it, or choose another output");
+        return misuse(input, "is the input, and ", draft, " is the name under which ", path,
+                      " grows; rename it, or choose another output");
   }
   return output;
 }
@@ -101,8 +97,7 @@ FieldWriter::~FieldWriter() {
 Result<FieldWriter> FieldWriter::create(const FieldOutput& output, Draft draft,
                                         const Manifest& manifest, ByteSpan tables, ByteSpan light) {
   if (output.existing == Existing::keep && output.exists())
-    return fail(ErrorCode::usage, output.path,
-                ": exists; choose another output, or let it be replaced");
+    return misuse(output.path, "exists; choose another output, or let it be replaced");
   const auto text = SLF_TRY(encode(manifest, output.path));
   std::vector<std::pair<std::string, Bytes>> blobs{
       {kManifestBlob, text}, {kTablesBlob, Bytes(tables.begin(), tables.end())}};
@@ -174,24 +169,15 @@ Result<void> FieldWriter::commit_when_due() {
   return commit();
 }
 
-Result<void> FieldWriter::put(TileKey key, Bytes payload) {
+Result<void> FieldWriter::put(TileKey key, Bytes payload, std::uint64_t back) {
   const bool hole = last_ && key <= *last_;
-  const TileState state = payload.empty() ? TileState::empty : TileState::stored;
-  auto done =
-      hole ? writer_->replace(key, state, payload) : writer_->append(key, std::move(payload));
-  if (!done) return done;
+  SLF_TRY(hole ? writer_->replace(key, payload, back)
+               : writer_->append(key, std::move(payload), back));
   return commit_when_due();
 }
 
 Result<void> FieldWriter::put_view(const storage::TileRef& tile) {
   SLF_TRY(writer_->append_view(tile));
-  return commit_when_due();
-}
-
-Result<void> FieldWriter::put_same(TileKey key, std::uint64_t back) {
-  const bool hole = last_ && key <= *last_;
-  SLF_TRY(hole ? writer_->replace(key, TileState::same, {}, back)
-               : writer_->append_same(key, back));
   return commit_when_due();
 }
 
@@ -203,7 +189,7 @@ Result<void> FieldWriter::put_missing(TileKey key) {
 Result<void> FieldWriter::put_light(ByteSpan light) { return writer_->set_blob(kLightBlob, light); }
 
 Result<void> FieldWriter::drop(TileKey key) {
-  SLF_TRY(writer_->replace(key, TileState::missing, {}));
+  SLF_TRY(writer_->drop(key));
   return commit_when_due();
 }
 
@@ -220,8 +206,8 @@ Result<void> FieldWriter::finish(const GoOn& go_on) {
   auto published = writer_->publish(output_->target, output_->existing, add_index);
   if (published) discard_ = false;
   if (!published && published.error().code == ErrorCode::usage)
-    return fail(ErrorCode::usage, output_->path, ": exists by now",
-                discard_ ? "" : "; the new field stays at " + file_);
+    return misuse(output_->path, "exists by now",
+                  discard_ ? "" : "; the new field stays at " + file_);
   return with_file_state(std::move(published));
 }
 

@@ -42,7 +42,7 @@ struct FieldOutput {
 };
 
 /// Adds what to do to an error about a file that has the name of a draft, but is none.
-[[nodiscard]] Error name_is_taken(Error error);
+[[nodiscard]] tl::unexpected<Error> name_is_taken(Error error);
 
 /// Thread-safety: none; one thread.
 class FieldWriter {
@@ -82,18 +82,17 @@ class FieldWriter {
 
   /// Writes a tile. Tiles come in key order. A tile above the last one is appended; a
   /// lower one replaces a missing tile of the file that was opened. An empty payload means an empty
-  /// tile.
-  [[nodiscard]] Result<void> put(TileKey key, Bytes payload);
+  /// tile or, if `back` is not 0, one that is the same as the one stored `back` states before.
+  [[nodiscard]] Result<void> put(TileKey key, Bytes payload, std::uint64_t back = 0);
 
-  /// Appends a tile of another field without copying its payload. REQUIRES: the tile's store has
-  /// checked it, and lives until copy_viewed_payloads() or until a commit has written the tile.
+  /// Appends a tile of another field, as find() has it, without copying its payload. REQUIRES: the
+  /// tile's store has checked it, and lives until copy_viewed_payloads() or until a commit has
+  /// written the tile.
   [[nodiscard]] Result<void> put_view(const storage::TileRef& tile);
 
   /// Copies the payloads given to put_view() that are not committed.
   void copy_viewed_payloads() { writer_->copy_viewed_payloads(); }
 
-  /// Writes a tile that is the same as one that is stored `back` states before.
-  [[nodiscard]] Result<void> put_same(TileKey key, std::uint64_t back);
   /// Appends a missing tile, which put() can fill later.
   [[nodiscard]] Result<void> put_missing(TileKey key);
 

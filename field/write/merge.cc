@@ -65,11 +65,8 @@ class Merger {
     const auto put = [&](std::uint64_t, const std::vector<TileRef>& tiles) -> Result<void> {
       for (const TileRef& tile : tiles) {
         ++report_.tiles;
-        if (tile.source != tile.key) {
-          SLF_TRY(writer_.put_same(tile.key, state_of(tile.key) - state_of(tile.source)));
-          continue;
-        }
         SLF_TRY(writer_.put_view(tile));
+        if (tile.source != tile.key) continue;
         report_.payload_bytes += tile.payload.size();
         mapped += tile.payload.size();
       }
@@ -131,8 +128,7 @@ Result<MergeReport> merge_fields(const std::vector<std::string>& parts, const st
   Merger merger(plan, parts, options, writer, reporter);
   SLF_TRY(merger.write());
   MergeReport report = merger.report();
-  std::error_code ignored;
-  report.file_bytes = std::filesystem::file_size(output.target, ignored);
+  report.file_bytes = file_size(output.target).value_or(0);
   return report;
 }
 

@@ -22,11 +22,6 @@ struct Source {
   std::uint64_t commit = 0;
 };
 
-/// The levels below this one are filtered; if the manifest does not state it, all but the finest.
-unsigned filtered_levels(const Manifest& manifest) {
-  return manifest.filtered_levels.value_or(manifest.shape.levels);
-}
-
 /// "tiles 1/0 to 1/1023".
 std::string name_of(const TileOrder& order, NumberRange tiles) {
   return "tiles " + storage::name(order.key(tiles.begin)) + " to " +
@@ -84,14 +79,13 @@ Result<Source> read_source(const std::string& path) {
 /// usage: `other` is not a part of the same field as `first`.
 Result<void> check_same(const Source& first, const Source& other) {
   const auto differ = [&](const std::string& what) {
-    return fail(ErrorCode::usage, other.path, ": is not of the same field as ", first.path, ": ",
-                what);
+    return misuse(other.path, "is not of the same field as ", first.path, ": ", what);
   };
   Manifest a = first.manifest, b = other.manifest;
   a.shape.levels = b.shape.levels = std::max(a.shape.levels, b.shape.levels);
   a.shape.subfields = b.shape.subfields = {};
   a.part = b.part = std::nullopt;
-  if (filtered_levels(first.manifest) != filtered_levels(other.manifest))
+  if (first.manifest.filtered_levels != other.manifest.filtered_levels)
     return differ("/filtered_levels differs");
   if (const std::string place = first_difference(a, b); !place.empty())
     return differ(place.ends_with("/provenance/content") ? "it was built from other data"
@@ -141,7 +135,7 @@ Result<std::vector<MergeSegment>> join(const std::vector<Source>& sources, const
     const MergeSegment &before = segments[furthest], &now = segments[k];
     if (now.tiles.begin < before.tiles.end &&
         sources[before.source].path == sources[now.source].path)
-      return fail(ErrorCode::usage, sources[now.source].path, ": is given twice");
+      return misuse(sources[now.source].path, "is given twice");
     if (now.tiles.begin < before.tiles.end)
       return fail(ErrorCode::usage, sources[before.source].path, " and ", sources[now.source].path,
                   ": both hold ",
@@ -198,7 +192,6 @@ Result<MergePlan> plan_merge(const std::vector<std::string>& paths, bool part) {
   Source& first = sources[segments.front().source];
   plan.manifest = first.manifest;
   plan.manifest.shape = shape;
-  plan.manifest.filtered_levels = filtered_levels(first.manifest);
   plan.manifest.part.reset();
   plan.tables = std::move(first.tables);
   for (const MergeSegment& segment : segments)

@@ -164,8 +164,6 @@ Result<RepackReport> repack(const Field& handle, const std::string& path,
   manifest.shape = plan.shape;
   manifest.format = plan.format;
   manifest.codec = plan.codec->spec();
-  // If the finest level is left out, the next one becomes the finest: record that it is filtered.
-  manifest.filtered_levels = field.manifest().filtered_levels.value_or(field.shape().levels);
   const TileOrder order(plan.shape);
   auto all = SLF_TRY(field.recorded(order));
   Reporter reporter(progress, {0, all.count(), 0},
@@ -180,8 +178,7 @@ Result<RepackReport> repack(const Field& handle, const std::string& path,
   RepackReport report;
   Repacker repacker(tiles, plan, order, std::move(all), options, writer, reporter, report);
   SLF_TRY(repacker.write());
-  std::error_code ignored;
-  report.file_bytes = std::filesystem::file_size(output.target, ignored);
+  report.file_bytes = file_size(output.target).value_or(0);
   return report;
 }
 

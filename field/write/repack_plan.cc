@@ -57,12 +57,11 @@ Result<std::unique_ptr<codec::Codec>> train(TileCache& cache, const RepackPlan& 
 Result<FieldShape> plan_shape(const FieldFile& field, const RepackOptions& options) {
   FieldShape shape = field.shape();
   if (options.levels && *options.levels > shape.levels)
-    return fail(ErrorCode::usage, field.path(), ": has levels 0 to ", shape.levels, ", not ",
-                *options.levels);
+    return misuse(field.path(), "has levels 0 to ", shape.levels, ", not ", *options.levels);
   if (options.levels) shape.levels = *options.levels;
   for (const std::uint8_t subfield : options.subfields)
     if (!field.shape().has({0, std::uint64_t{subfield} << (2 * shape.entry_extra_levels)}))
-      return fail(ErrorCode::usage, field.path(), ": has no subfield ", int{subfield});
+      return misuse(field.path(), "has no subfield ", int{subfield});
   if (!options.subfields.empty()) shape.subfields = options.subfields;
   SLF_TRY(shape.check());
   return shape;

@@ -6,6 +6,7 @@
 #include "base/guarded.h"
 #include "base/half.h"
 #include "base/sort_unique.h"
+#include "base/try.h"
 
 namespace slf {
 namespace {
@@ -158,10 +159,7 @@ std::uint64_t TileTracer::rays(unsigned level) const {
 
 Result<void> TileTracer::trace(TileKey key, TracedTile& tile) const {
   if (read_) return read_(key, tile);
-  auto ok = guarded([&] { trace_rays(key, tile); });
-  if (!ok)
-    return fail(ok.error().code, "tile ", int{key.level}, "/", key.index, ": ", ok.error().message);
-  return {};
+  return at_place(guarded([&] { trace_rays(key, tile); }), "tile ", int{key.level}, "/", key.index);
 }
 
 void TileTracer::trace_rays(TileKey key, TracedTile& tile) const {

@@ -28,12 +28,12 @@ class Verifier {
   Result<VerifyReport> run(const std::string& path) {
     SLF_TRY(check(path));
     if (options_.fix) SLF_TRY(drop(path));
-    report_.unfixed = report_.damaged - fixed_;
+    report_.unfixed = report_.damaged - report_.dropped;
     return std::move(report_);
   }
 
   Result<VerifyReport> run(const Field& field) {
-    const auto whole = SLF_TRY(FieldFile::whole(field.file().store().all_states()));
+    const auto whole = SLF_TRY(FieldFile::open(field.file().store(), FieldFile::kAllStates));
     SLF_TRY(check_structure(whole->store()));
     SLF_TRY(check_tiles(*whole));
     report_.unfixed = report_.damaged;
@@ -63,7 +63,7 @@ class Verifier {
       return {};
     }
     SLF_TRY(check_structure(*store));
-    const auto field = FieldFile::whole(std::move(*store));
+    const auto field = FieldFile::open(*store, FieldFile::kAllStates);
     if (!field) {
       if (field.error().code != ErrorCode::bad_file) return tl::unexpected(field.error());
       add(FindingKind::manifest, field.error().message);
@@ -112,7 +112,8 @@ class Verifier {
           ++report_.tiles;
           report_.payload_bytes += tile.payload.size();
           if (!field.shape().has(tile.key)) {
-            add(FindingKind::key, place(field, tile) + ": this field has no such tile", tile.key);
+            add(FindingKind::key, field.place(tile.key) + ": this field has no such tile",
+                tile.key);
             return {};
           }
           if (field.manifest().holds(tile.key)) ++found[tile.key.level];
@@ -137,15 +138,11 @@ class Verifier {
     return {};
   }
 
-  static std::string place(const FieldFile& field, const TileRef& tile) {
-    return field.place(tile.key);
-  }
-
   void check_same(const FieldFile& field, const TileRef& tile) {
     const auto found = field.store().find(tile.key);
     if (!found || found->state == TileState::missing)
       add(FindingKind::reference,
-          place(field, tile) + ": tile " + storage::name(tile.source) +
+          field.place(tile.key) + ": tile " + storage::name(tile.source) +
               ", which it is the same as, is missing; build the field again");
   }
 
@@ -198,7 +195,7 @@ class Verifier {
     // checksum can be checked.
     if (field.manifest().part && ok.error().code == ErrorCode::tile_missing) return std::nullopt;
     if (!references_decode(tiles, tile))
-      return Finding{FindingKind::reference, place(field, tile) + ": " + ok.error().message};
+      return Finding{FindingKind::reference, field.place(tile.key) + ": " + ok.error().message};
     return Finding{FindingKind::decode, ok.error().message};
   }
 
@@ -206,8 +203,8 @@ class Verifier {
   static bool references_decode(TileCache& tiles, const TileRef& tile) {
     const auto references = tiles.field().references(tile);
     if (!references) return true;  // then the tile itself is wrong
-    return std::ranges::all_of(*references, [&](const Reference& reference) {
-      const auto pin = tiles.load(reference.tile);
+    return std::ranges::all_of(*references, [&](TileKey reference) {
+      const auto pin = tiles.load(reference);
       return pin && pin->state() != TileState::missing;
     });
   }
@@ -224,13 +221,10 @@ class Verifier {
       auto ok = writer.drop(repair);
       if (!ok && ok.error().code != ErrorCode::usage && ok.error().code != ErrorCode::bad_file)
         return ok;  // an error that concerns more than this tile
-      if (!ok) continue;
-      ++report_.dropped;
-      ++fixed_;
+      if (ok) ++report_.dropped;
     }
     if (drop_light_) {
       SLF_TRY(writer.put_light({}));
-      ++fixed_;
       ++report_.dropped;
     }
     if (!repairs_.empty()) report_.complete = false;
@@ -242,7 +236,6 @@ class Verifier {
   VerifyReport report_;
   std::vector<TileKey> repairs_;  ///< one for each finding that has one
   bool drop_light_ = false;
-  std::uint64_t fixed_ = 0;
   std::uint64_t transaction_ = 0;  ///< the commit that was checked
 };
 
@@ -260,8 +253,7 @@ Result<VerifyReport> verify_field(const std::string& path, const VerifyOptions& 
 
 Result<VerifyReport> verify_field(const Field& field, const VerifyOptions& options,
                                   const ProgressCallback& progress) {
-  if (options.fix)
-    return fail(ErrorCode::usage, field.path(), ": only a file that is named can be fixed");
+  if (options.fix) return misuse(field.path(), "only a file that is named can be fixed");
   return Verifier(options, progress).run(field);
 }
 

@@ -56,7 +56,8 @@ py::object content(const OpenField& open) {
 /// `structures`: none for those that are shown if nothing is chosen.
 std::unique_ptr<OpenField> compose(const OpenField& open,
                                    const std::optional<LookTuples>& structures) {
-  const std::vector<StructureLook> looks = looks_of(structures.value_or(LookTuples()));
+  const std::vector<StructureLook> looks =
+      looks_of(structures.value_or(LookTuples()), open.field().states());
   LongCall call;
   auto composed = call.value(open.field().path(), [&] {
     return structures ? compose_looks(open.field(), looks,
@@ -266,11 +267,12 @@ void close(OpenPlayer& open) {
 
 }  // namespace
 
-std::vector<StructureLook> looks_of(const LookTuples& structures) {
+std::vector<StructureLook> looks_of(const LookTuples& structures,
+                                    std::span<const std::string> names) {
   std::vector<StructureLook> looks;
   for (const auto& structure : structures) {
     if (const auto* text = std::get_if<Text>(&structure)) {
-      looks.push_back(value_of(parse_structures(std::array{std::string(*text)}))[0]);
+      looks.push_back(value_of(parse_structure(std::string_view(*text), names)));
       continue;
     }
     const auto& [what, opacity, tint] = std::get<LookTuple>(structure);

@@ -8,6 +8,8 @@
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <span>
+#include <string>
 #include <tuple>
 #include <utility>
 #include <variant>
@@ -66,6 +68,8 @@ class OpenField {
 using LookTuple = std::tuple<std::variant<const OpenField*, Text>, float, std::array<float, 3>>;
 /// Structures, also as texts for parse_structure().
 using LookTuples = std::vector<std::variant<LookTuple, Text>>;
-std::vector<StructureLook> looks_of(const LookTuples& structures);
+/// `names`: of the states, as for parse_structure().
+std::vector<StructureLook> looks_of(const LookTuples& structures,
+                                    std::span<const std::string> names = {});
 
 }  // namespace slf::python

@@ -50,7 +50,9 @@ view::ViewsFile views_of(const Text& name, const std::optional<Text>& json) {
 }
 
 view::First first_of(const Text& state, const LookTuples& structures) {
-  return {state, looks_of(structures)};
+  view::First first{state};
+  for (const StructureLook& look : looks_of(structures)) first.structures.push_back(text_of(look));
+  return first;
 }
 
 py::object export_field(const Text& field, const Text& output, const Text& views,

@@ -96,13 +96,10 @@ class Record {
   std::size_t payloads_ = 0;   ///< offset of the first payload
 };
 
-/// Encodes a record. REQUIRES: 1 to kMaxTiles tiles. Stored tiles have a payload of at most
-/// kMaxPayload bytes and its checksum; the others have none.
-[[nodiscard]] Bytes encode_record(std::optional<TileKey> previous, TileKey first,
-                                  std::span<const Tile> tiles);
-
-/// Encodes the part before the first payload: header, codes and checksums. The payloads follow,
-/// each at a multiple of 8 bytes, and then zeros up to kMinRecordBytes.
+/// Encodes the part of a record before the first payload: header, codes and checksums. The payloads
+/// follow, each at a multiple of 8 bytes, and then zeros up to kMinRecordBytes. REQUIRES: 1 to
+/// kMaxTiles tiles. Stored ones have a payload of at most kMaxPayload bytes and its checksum; the
+/// others have none.
 [[nodiscard]] Bytes encode_record_head(std::optional<TileKey> previous, TileKey first,
                                        std::span<const Tile> tiles);
 

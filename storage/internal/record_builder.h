@@ -46,9 +46,10 @@ struct CompleteRecord {
   TileKey last;
   Bytes head;  ///< the bytes before the payloads
   std::vector<Payload> payloads;
-  std::size_t bytes = 0;  ///< size of the whole record
 
-  /// Writes the record. REQUIRES: `to` has `bytes` bytes.
+  /// The size of the whole record.
+  [[nodiscard]] std::size_t bytes() const;
+  /// Writes the record. REQUIRES: `to` has bytes() bytes.
   void write(std::span<std::byte> to) const;
 };
 

@@ -4,6 +4,8 @@
 
 #include <memory>
 
+#include "base/try.h"
+
 namespace slf {
 namespace {
 
@@ -27,6 +29,15 @@ TEST(Error, FailJoinsItsParts) {
   const auto mixed = fail(ErrorCode::io, std::string("b"), ':', 1.5, '/', 3u);
   EXPECT_EQ(mixed.value().message, "b:1.5/3");
   EXPECT_EQ(mixed.value().code, ErrorCode::io);
+}
+
+TEST(Error, APlaceComesBeforeTheMessage) {
+  const auto placed = [](int value) { return at_place(half_of(value), "b.slf: tile ", 3); };
+  EXPECT_EQ(*placed(4), 2);
+  EXPECT_EQ(placed(5).error().message, "b.slf: tile 3: a.slf: expected an even number, found 5");
+  EXPECT_EQ(placed(5).error().code, ErrorCode::usage);
+  const Result<void> chosen = fail_without("time", ErrorCode::usage, "no time 3");
+  EXPECT_STREQ(at_place(chosen, "a.nii").error().choice, "time");
 }
 
 TEST(Error, AnErrorMovesFromOneResultToAnother) {

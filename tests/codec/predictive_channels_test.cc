@@ -145,7 +145,7 @@ TEST(PredictiveChannels, HalfFloatsStayWithinHalfAStep) {
     Bytes back;
     ASSERT_TRUE(picture.decode(codec, payload, back));
     const std::int32_t step =
-        predictive_tables({quality, kHalf}, 1).level(1).steps[kLumaPlane].low / 16;
+        predictive_tables({quality, kHalf}, 1).level(1).steps[kYPlane].low / 16;
     for (std::size_t at = 0; at < picture.sample.tile.color_bytes(); at += 2) {
       const auto value = [&](const Bytes& of) {
         return ordered_half(load_le<std::uint16_t>(&of[at]));

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <random>
 
+#include "benchmarks/predictive_weights.h"
 #include "tests/codec/sample_tiles.h"
 #include "tests/instruction_set.h"
 
@@ -220,7 +221,7 @@ TEST(Predictive, TilesAreCodedWithSeveralSetsOfModels) {
     models->blocks = {models->blocks[set]};
     models->block_sets = 1;
     for (LevelModels& of_level : models->levels)
-      of_level.block_set.assign(kCodedPlanes, SymbolModel(std::array<std::uint8_t, 2>{}));
+      of_level.block_set.assign(kPlanes, SymbolModel(std::array<std::uint8_t, 2>{}));
     level.models = models;
     Coded coded = encode(level, sample.tile, scene), back;
     EXPECT_TRUE(decode(level, sample.tile, scene, coded.payload, back));
@@ -271,7 +272,7 @@ TEST(PredictiveTables, ProbabilitiesOfBytesRise) {
     EXPECT_LE(probability_of(static_cast<std::uint8_t>(byte - 1)),
               probability_of(static_cast<std::uint8_t>(byte)));
   for (const double p : {0.001, 0.1, 0.5, 0.93})
-    EXPECT_NEAR(probability_of(byte_of_probability(p)) / 65536., p, 0.005);
+    EXPECT_NEAR(probability_of(bench::byte_of_probability(p)) / 65536., p, 0.005);
 }
 
 constexpr std::array<std::int32_t, 64> kUnitSteps = [] {

@@ -120,7 +120,7 @@ TEST(ReferenceIndex, AFieldsIndexListsWhatPayloadsName) {
         index->append_references(tile->key, listed);
         std::set<TileKey> named;
         const auto of_payload = (*field)->references(*tile);
-        for (const Reference& reference : *of_payload) named.insert(reference.tile);
+        for (const TileKey reference : *of_payload) named.insert(reference);
         ASSERT_EQ(as_set(listed), named) << k;
       }
     }

@@ -77,13 +77,13 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   };
 
   std::map<TileKey, Bytes> references;
-  const auto samples_of = [&](const std::vector<Reference>& named) {
+  const auto samples_of = [&](const std::vector<TileKey>& named) {
     std::vector<ReferenceSamples> from;
-    for (const Reference& of : named) {
-      require(of.tile.level + 1 == key.level && of.tile.index < made.shape.tiles(of.tile.level));
-      const bool empty = of.tile.index % 5 == 4;  // nothing is visible there
-      auto& bytes = references[of.tile];
-      if (!empty) bytes = repeated(bytes_of(of.tile), of.tile.index);
+    for (const TileKey of : named) {
+      require(of.level + 1 == key.level && of.index < made.shape.tiles(of.level));
+      const bool empty = of.index % 5 == 4;  // nothing is visible there
+      auto& bytes = references[of];
+      if (!empty) bytes = repeated(bytes_of(of), of.index);
       from.push_back({of, bytes});
     }
     return from;

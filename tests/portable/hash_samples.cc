@@ -86,10 +86,9 @@ void hash_field(const char* path) {
       expect(codec::make_codec(manifest.codec, manifest.format, tables ? *tables : ByteSpan()));
   const TileCoder coder(manifest.shape, manifest.format, *codec, geometry);
   std::map<TileKey, Bytes> decoded;
-  const auto samples_of = [&](const std::vector<Reference>& references) {
+  const auto samples_of = [&](const std::vector<TileKey>& references) {
     std::vector<ReferenceSamples> from;
-    for (const Reference& reference : references)
-      from.push_back({reference, decoded.at(reference.tile)});
+    for (const TileKey reference : references) from.push_back({reference, decoded.at(reference)});
     return from;
   };
   for (unsigned level = 0; level <= manifest.shape.levels; ++level)

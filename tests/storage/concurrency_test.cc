@@ -91,7 +91,7 @@ TEST(Concurrency, AnOldSnapshotOutlivesManyCommits) {
   auto old = TileStore::open(path);
   ASSERT_TRUE(ok(old));
   for (std::uint64_t i = 0; i < 300; ++i) {
-    ASSERT_TRUE(ok(writer.replace({0, i % 200}, TileState::stored, tile_bytes({}, 4000, 5))));
+    ASSERT_TRUE(ok(writer.replace({0, i % 200}, tile_bytes({}, 4000, 5))));
     ASSERT_TRUE(ok(writer.commit()));
   }
   EXPECT_EQ(check_whole(*old), 200u);
@@ -107,7 +107,7 @@ TEST(Concurrency, FreedPagesAreReusedWhenNobodyReadsThem) {
   ASSERT_TRUE(ok(writer.append({1, 0}, {})));
   ASSERT_TRUE(ok(writer.commit()));
   for (int i = 0; i < 100; ++i) {
-    ASSERT_TRUE(ok(writer.replace({0, 0}, TileState::stored, tile_bytes({}, 100000, 5))));
+    ASSERT_TRUE(ok(writer.replace({0, 0}, tile_bytes({}, 100000, 5))));
     ASSERT_TRUE(ok(writer.commit()));
   }
   EXPECT_LT(std::filesystem::file_size(path), 1000000u);
@@ -129,7 +129,7 @@ TEST(Concurrency, FreedPagesAreReusedAfterAReaderOpensTheFileAgain) {
       seen = tile;
     }
     tile = tile_bytes({}, 100000, i);
-    ASSERT_TRUE(ok(writer.replace({0, 0}, TileState::stored, tile)));
+    ASSERT_TRUE(ok(writer.replace({0, 0}, tile)));
     ASSERT_TRUE(ok(writer.commit()));
     ASSERT_TRUE(std::ranges::equal(reader->find({0, 0})->payload, seen)) << int{i};
   }

@@ -41,7 +41,7 @@ Result<void> build(const std::string& path, const Report& report) {
     const TileKey key = key_of(i);
     if (!last || key > *last)
       if (auto done =
-              is_same(i) ? writer->append_same(key, 1) : writer->append(key, written_tile(i));
+              is_same(i) ? writer->append(key, {}, 1) : writer->append(key, written_tile(i));
           !done)
         return done;
     if (i % 20 != 19) continue;

@@ -44,7 +44,7 @@ Model build_small(const std::string& path) {
     if (i == 1) {
       append(key, 50);
     } else {
-      EXPECT_TRUE(ok(writer.append_same(key, 2)));
+      EXPECT_TRUE(ok(writer.append(key, {}, 2)));
       model[key] = model[{2, i}];
     }
   }
@@ -292,8 +292,7 @@ TEST_F(Damaged, ShrinkingUnderAWriterIsAnError) {
       ASSERT_TRUE(ok(writer));
       EXPECT_TRUE(ok(writer->append({9, 0}, bytes_of("more"))));
       ASSERT_EQ(truncate(path_.c_str(), static_cast<off_t>(left)), 0);
-      const auto replaced =
-          replaces ? writer->replace({0, 1}, TileState::empty, {}) : Result<void>();
+      const auto replaced = replaces ? writer->replace({0, 1}, {}) : Result<void>();
       EXPECT_TRUE(replaced || replaced.error().code == ErrorCode::bad_file);
       ASSERT_TRUE(ok(writer->set_blob("note", bytes_of("x"))));
       const auto committed = writer->commit();
@@ -436,7 +435,7 @@ TEST(DamagedRecord, CanBeMarkedMissingAndFilledAgain) {
   {
     auto writer = TileWriter::resume(path);
     ASSERT_TRUE(ok(writer));
-    ASSERT_TRUE(ok(writer->replace(damage.last, TileState::missing, {})));
+    ASSERT_TRUE(ok(writer->drop(damage.last)));
     ASSERT_TRUE(ok(writer->close()));
   }
   Model expected = model;
@@ -449,7 +448,7 @@ TEST(DamagedRecord, CanBeMarkedMissingAndFilledAgain) {
     auto writer = TileWriter::resume(path);
     ASSERT_TRUE(ok(writer));
     for (std::uint64_t i = damage.first.index; i <= damage.last.index; ++i) {
-      ASSERT_TRUE(ok(writer->replace({1, i}, TileState::stored, model[{1, i}])));
+      ASSERT_TRUE(ok(writer->replace({1, i}, model[{1, i}])));
     }
     ASSERT_TRUE(ok(writer->close()));
   }

@@ -19,6 +19,16 @@ std::string hex(ByteSpan bytes) {
   return std::move(text).str();
 }
 
+Bytes encode_record(std::optional<TileKey> previous, TileKey first,
+                    std::span<const internal::Tile> tiles) {
+  internal::CompleteRecord record{{}, internal::encode_record_head(previous, first, tiles), {}};
+  for (const internal::Tile& tile : tiles)
+    if (tile.state == TileState::stored) record.payloads.emplace_back(tile.payload);
+  Bytes bytes(record.bytes());
+  record.write(bytes);
+  return bytes;
+}
+
 internal::Tile stored(TileKey key, ByteSpan payload) {
   return {TileState::stored, payload, payload_checksum(key, payload)};
 }
@@ -30,7 +40,7 @@ TEST(Format, ARecordIsTheseBytes) {
                                              {TileState::empty, {}, 0},
                                              {TileState::missing, {}, 0},
                                              stored({2, 0x112233445566778B}, long_one)};
-  const Bytes record = internal::encode_record(TileKey{2, 0x10}, {2, 0x1122334455667788}, tiles);
+  const Bytes record = encode_record(TileKey{2, 0x10}, {2, 0x1122334455667788}, tiles);
   ASSERT_EQ(record.size(), 2048u);
   EXPECT_EQ(hex(ByteSpan(record).first(72)),
             "2ba9e3b5073e8000534c5232020204008877665544332211"
@@ -50,7 +60,7 @@ TEST(Format, ARecordWithTilesOfEarlierStatesIsTheseBytes) {
                                              {TileState::empty, {}, 0},
                                              {TileState::same, {}, 0, 0, 0, 300},
                                              {TileState::missing, {}, 0}};
-  const Bytes record = internal::encode_record(std::nullopt, first, tiles);
+  const Bytes record = encode_record(std::nullopt, first, tiles);
   EXPECT_EQ(hex(ByteSpan(record).subspan(8, 40)),
             "534c523302ff0500"
             "070000000000b004"
@@ -68,14 +78,14 @@ TEST(Format, ARecordWithTilesOfEarlierStatesIsTheseBytes) {
   }
   EXPECT_EQ(back, (std::vector<std::uint64_t>{0, 1, 0, 300, 0}));
   // No state is before the first one.
-  const auto early = internal::encode_record(std::nullopt, in_state(first, 299), tiles);
+  const auto early = encode_record(std::nullopt, in_state(first, 299), tiles);
   EXPECT_FALSE(internal::Record::parse(early));
 }
 
 TEST(Format, ARecordReadsBackAsWritten) {
   const Bytes abc = bytes_of("abc");
   const std::vector<internal::Tile> tiles = {stored({9, 5}, abc), {}, {TileState::empty, {}, 0}};
-  const Bytes bytes = internal::encode_record(std::nullopt, {9, 5}, tiles);
+  const Bytes bytes = encode_record(std::nullopt, {9, 5}, tiles);
   const auto record = internal::Record::parse(bytes);
   ASSERT_TRUE(ok(record));
   EXPECT_EQ(record->first(), (TileKey{9, 5}));
@@ -92,9 +102,9 @@ TEST(Format, ForgedRecordsAreRefusedOrHarmless) {
   const Bytes payload(100, std::byte{1});
   std::vector<internal::Tile> tiles;
   for (std::uint64_t i = 0; i < 20; ++i) tiles.push_back(stored({1, i}, payload));
-  std::vector<Bytes> good = {internal::encode_record(std::nullopt, {1, 0}, tiles)};
+  std::vector<Bytes> good = {encode_record(std::nullopt, {1, 0}, tiles)};
   for (std::size_t i = 0; i < 20; i += 3) tiles[i] = {TileState::same, {}, 0, 0, 0, 1 + i * 9};
-  good.push_back(internal::encode_record(std::nullopt, in_state({1, 0}, 200), tiles));
+  good.push_back(encode_record(std::nullopt, in_state({1, 0}, 200), tiles));
   std::mt19937 random(5);
   int accepted = 0;
   for (int round = 0; round < 200000; ++round) {

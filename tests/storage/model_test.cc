@@ -31,7 +31,7 @@ class History {
       const Bytes bytes = tile_bytes(key, size == 0 ? 0 : size + key.index % 9, salt_);
       const TileKey earlier = in_state(key, state_of(key) / 2);
       const bool same = state_of(key) > 0 && key.index % 3 > 0 && is_stored(earlier);
-      RC_ASSERT((same ? writer_->append_same(key, state_of(key) - state_of(earlier))
+      RC_ASSERT((same ? writer_->append(key, {}, state_of(key) - state_of(earlier))
                       : writer_->append(key, bytes))
                     .has_value());
       held_[key] = same ? Bytes() : bytes;
@@ -76,7 +76,9 @@ class History {
     const auto state = *rc::gen::element(TileState::missing, TileState::empty, TileState::stored);
     const Bytes bytes =
         state == TileState::stored ? tile_bytes(key, 1 + at * 97 % 9000, ++salt_) : Bytes{};
-    RC_ASSERT(writer_->replace(key, state, bytes).has_value());
+    const bool dropped = state == TileState::missing;
+    const auto done = dropped ? writer_->drop(key) : writer_->replace(key, bytes);
+    RC_ASSERT(done.has_value());
     replaced_[key] = {state, bytes};
   }
 

@@ -93,7 +93,7 @@ TEST(TileStore, ShowsOneStateAsIfItWereTheOnlyOne) {
     };
     const auto append_same = [&](TileKey key, std::uint64_t back) {
       model[key] = model[in_state(key, state_of(key) - back)];
-      ASSERT_TRUE(ok(writer.append_same(key, back)));
+      ASSERT_TRUE(ok(writer.append(key, {}, back)));
     };
     for (const std::uint8_t level : {std::uint8_t{0}, std::uint8_t{3}}) {
       for (std::uint64_t i = 0; i < 3000; ++i) append({level, i}, i % 7 == 0 ? 0 : 20 + i % 90);
@@ -108,8 +108,9 @@ TEST(TileStore, ShowsOneStateAsIfItWereTheOnlyOne) {
         else if (i % 7 != 0)
           append_same(in_state({level, i}, 4095), 4095);
     }
-    for (const std::uint64_t back : {0, 2})
-      EXPECT_EQ(writer.append_same(in_state({4, 0}, 1), back).error().code, ErrorCode::usage);
+    const TileKey key = in_state({4, 0}, 1);
+    EXPECT_EQ(writer.append(key, {}, 2).error().code, ErrorCode::usage);
+    EXPECT_EQ(writer.append(key, tile_bytes(key, 9), 1).error().code, ErrorCode::usage);
     ASSERT_TRUE(ok(writer.close()));
   }
   expect_holds(path, model);
@@ -151,8 +152,8 @@ TEST(TileStore, ATileThatIsTheSameAsNoneThatIsStoredIsMissing) {
     ASSERT_TRUE(ok(writer.append({0, 1}, {})));
     ASSERT_TRUE(ok(writer.append({0, 2}, bytes_of("two"))));
     for (std::uint64_t i = 0; i < 3; ++i)
-      ASSERT_TRUE(ok(writer.append_same(in_state({0, i}, 1), 1)));
-    ASSERT_TRUE(ok(writer.append_same(in_state({0, 2}, 2), 1)));
+      ASSERT_TRUE(ok(writer.append(in_state({0, i}, 1), {}, 1)));
+    ASSERT_TRUE(ok(writer.append(in_state({0, 2}, 2), {}, 1)));
     ASSERT_TRUE(ok(writer.close()));
   }
   const auto store = TileStore::open(path);

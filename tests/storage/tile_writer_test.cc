@@ -210,7 +210,8 @@ TEST(TileWriter, ReplacesTilesOfAllStates) {
     ASSERT_TRUE(ok(writer));
     const auto set = [&](TileKey key, TileState state, std::size_t size) {
       const Bytes bytes = tile_bytes(key, size, 99);
-      ASSERT_TRUE(ok(writer->replace(key, state, bytes)));
+      ASSERT_TRUE(
+          ok(state == TileState::missing ? writer->drop(key) : writer->replace(key, bytes)));
       model.erase(key);
       if (state != TileState::missing) model[key] = bytes;
     };
@@ -221,9 +222,9 @@ TEST(TileWriter, ReplacesTilesOfAllStates) {
     set({1, 0}, TileState::stored, 1);
     set({1, 598}, TileState::missing, 0);
     set({1, 598}, TileState::stored, 12);
-    EXPECT_EQ(writer->replace({1, 599}, TileState::empty, {}).error().code, ErrorCode::usage);
-    EXPECT_EQ(writer->replace({0, 599}, TileState::empty, {}).error().code, ErrorCode::usage);
-    EXPECT_EQ(writer->replace({1, 0}, TileState::stored, {}).error().code, ErrorCode::usage);
+    EXPECT_EQ(writer->replace({1, 599}, {}).error().code, ErrorCode::usage);
+    EXPECT_EQ(writer->replace({0, 599}, {}).error().code, ErrorCode::usage);
+    EXPECT_EQ(writer->replace({1, 0}, {}, 1).error().code, ErrorCode::usage);
     ASSERT_TRUE(ok(writer->append({1, 600}, {})));
     ASSERT_TRUE(ok(writer->close()));
     model[{1, 600}] = {};
@@ -250,10 +251,10 @@ TEST(TileWriter, FillsHolesBeforeARecord) {
     for (const TileKey key : {TileKey{0, 8}, TileKey{0, 6}, TileKey{0, 2}, TileKey{0, 7},
                               TileKey{1, 0}, TileKey{0, 3}, TileKey{1, 4}}) {
       model[key] = tile_bytes(key, 400, 9);
-      ASSERT_TRUE(ok(writer->replace(key, TileState::stored, model[key])));
+      ASSERT_TRUE(ok(writer->replace(key, model[key])));
     }
-    EXPECT_EQ(writer->replace({1, 6}, TileState::empty, {}).error().code, ErrorCode::usage);
-    EXPECT_EQ(writer->replace({0, 10}, TileState::empty, {}).error().code, ErrorCode::usage);
+    EXPECT_EQ(writer->replace({1, 6}, {}).error().code, ErrorCode::usage);
+    EXPECT_EQ(writer->replace({0, 10}, {}).error().code, ErrorCode::usage);
     ASSERT_TRUE(ok(writer->close()));
   }
   expect_holds(path, model);
@@ -276,7 +277,7 @@ TEST(TileWriter, ReplacesTilesByThoseOfEarlierStatesAndBack) {
       for (std::uint64_t i = 0; i < 40; ++i) {
         const TileKey key = in_state({0, i}, state);
         model[key] = state == 1 ? model[{0, i}] : tile_bytes(key, 300);
-        ASSERT_TRUE(ok(state == 1 ? writer.append_same(key, 1) : writer.append(key, model[key])));
+        ASSERT_TRUE(ok(state == 1 ? writer.append(key, {}, 1) : writer.append(key, model[key])));
       }
     ASSERT_TRUE(ok(writer.close()));
   }
@@ -285,13 +286,13 @@ TEST(TileWriter, ReplacesTilesByThoseOfEarlierStatesAndBack) {
   for (std::uint64_t i = 0; i < 39; i += 3) {
     const TileKey own = in_state({0, i}, 1), same = in_state({0, i + 1}, 2);
     model[own] = tile_bytes(own, 70);
-    ASSERT_TRUE(ok(writer->replace(own, TileState::stored, model[own])));
+    ASSERT_TRUE(ok(writer->replace(own, model[own])));
     model[same] = model[{0, i + 1}];
-    ASSERT_TRUE(ok(writer->replace(same, TileState::same, {}, 2)));
+    ASSERT_TRUE(ok(writer->replace(same, {}, 2)));
   }
-  for (const auto& [state, back] :
-       {std::pair{TileState::same, 0}, {TileState::same, 2}, {TileState::empty, 1}})
-    EXPECT_EQ(writer->replace(in_state({0, 5}, 1), state, {}, back).error().code, ErrorCode::usage);
+  const TileKey key = in_state({0, 5}, 1);
+  EXPECT_EQ(writer->replace(key, {}, 2).error().code, ErrorCode::usage);
+  EXPECT_EQ(writer->replace(key, tile_bytes(key, 70), 1).error().code, ErrorCode::usage);
   ASSERT_TRUE(ok(writer->close()));
   expect_holds(path, model);
 }
@@ -322,7 +323,7 @@ TEST(TileWriter, ReplacesManyTilesInOneCommitAndTouchesNoOtherRecord) {
     std::uint64_t pending = 0;
     for (const std::uint64_t i : {599u, 3u, 200u, 201u, 4u, 200u}) {
       model[{1, i}] = tile_bytes({1, i}, 900, 5 + pending);
-      ASSERT_TRUE(ok(writer->replace({1, i}, TileState::stored, model[{1, i}])));
+      ASSERT_TRUE(ok(writer->replace({1, i}, model[{1, i}])));
       EXPECT_GT(writer->pending_bytes(), pending);
       pending = writer->pending_bytes();
     }
@@ -330,7 +331,7 @@ TEST(TileWriter, ReplacesManyTilesInOneCommitAndTouchesNoOtherRecord) {
     ASSERT_TRUE(ok(writer->commit()));
     EXPECT_EQ(writer->pending_bytes(), 0u);
     EXPECT_EQ(transaction(path), before + 1);
-    ASSERT_TRUE(ok(writer->replace({1, 5}, TileState::empty, {})));  // and is then dropped
+    ASSERT_TRUE(ok(writer->replace({1, 5}, {})));  // and is then dropped
   }
   expect_holds(path, model);
   const auto now = places();

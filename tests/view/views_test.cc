@@ -26,7 +26,7 @@ TEST(Views, AreCheckedAndSafeInAPage) {
   ASSERT_TRUE(views) << views.error().message;
   EXPECT_THAT(views->json, Not(HasSubstr("<")));
   EXPECT_THAT(views->json, HasSubstr("/script>"));
-  EXPECT_EQ(views->first, "30.0,-20.0,3.0,1.0,0.0,0.5");
+  EXPECT_EQ(views->camera, (std::vector<double>{30, -20, 3, 1, 0, 0.5}));
   EXPECT_EQ(views->attributes, " view=\"30.0,-20.0,3.0,1.0,0.0,0.5\"");
   EXPECT_EQ(parse_views({}, kSphere)->json, "");
 }

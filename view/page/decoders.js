@@ -89,19 +89,17 @@ export class Decoders {
   // Resolves to the samples of a tile, whose payload Field.references() has verified. `references`:
   // the Tiles that it is predicted from. Fails if the payload is damaged.
   decode({level, entry, exit}, payload, references) {
-    return new Promise((done, failed) => {
-      const message = {action: 'decode', level, entry, exit, payload, references};
-      this.queue.push({message, done, failed});
-      this.send();
-    });
+    return this.enqueue('push', {action: 'decode', level, entry, exit, payload, references});
   }
   // Resolves to the samples of a tile that layers, {samples, opacity, tint} each, compose; to
   // undefined if that is no longer wanted once it is its turn. It takes turns before decoding,
   // because pictures wait for it.
   compose(layers, linear, wanted) {
+    return this.enqueue('unshift', {action: 'compose', layers, linear, references: []}, wanted);
+  }
+  enqueue(how, message, wanted) {
     return new Promise((done, failed) => {
-      const message = {action: 'compose', layers, linear, references: []};
-      this.queue.unshift({message, done, failed, wanted});
+      this.queue[how]({message, done, failed, wanted});
       this.send();
     });
   }

@@ -197,21 +197,20 @@ export class Field {
   // of the tile that has the payload.
   async find(tiles) {
     const keys = keysOf(tiles);
-    for (let round = 0; round < 64; ++round) {
+    let found;
+    await this.complete((calls) => {
       this.native.fill(keys);
-      const at = this.native.calls.slf_find(), needed = this.native.ranges();
-      if (needed.length > 0) {
-        await this.fetchAll(needed);
-        continue;
-      }
-      const view = new DataView(this.native.calls.memory.buffer, at, 48 * tiles.length);
-      return tiles.map(({page}, i) => {
+      const at = calls.slf_find();
+      if (this.native.ranges().length > 0) return kNeedsBytes;
+      const view = new DataView(calls.memory.buffer, at, 48 * tiles.length);
+      found = tiles.map(({page}, i) => {
         const number = (k) => view.getFloat64(48 * i + 8 * k, true);
         const word = (k) => view.getUint32(48 * i + 4 * k, true), state = number(0);
         return {state, begin: number(1), end: number(2), checksum: [word(6), word(7)],
                 source: state === kStored ? this.page(word(8), word(9), word(10)) : page};
       });
-    }
-    throw new Error('The field is damaged: its trees have no end.');
+      return kDone;
+    });
+    return found;
   }
 }

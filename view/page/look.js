@@ -142,7 +142,7 @@ label {
 }
 label.check { justify-content: flex-start; }
 input[type="checkbox"] { accent-color: var(--accent); width: 24px; height: 24px; margin: 0; }
-select, button, input[type="color"] {
+select, button, input[type="color"], #find {
   font: inherit; color: inherit; background: transparent; border: 1px solid var(--line);
   border-radius: 6px; min-height: 44px; min-width: 44px; padding: 2px 8px;
 }
@@ -159,10 +159,7 @@ button[aria-pressed="true"] { background: var(--accent); color: #06101f; }
 .buttons button { padding: 2px 4px; }
 
 #shown { color: var(--dim); font-weight: 400; }
-#find {
-  font: inherit; color: inherit; background: transparent; border: 1px solid var(--line);
-  border-radius: 6px; min-height: 44px; padding: 2px 8px; min-width: 0;
-}
+#find { min-width: 0; }
 #list { list-style: none; margin: 0; padding: 0; display: grid; gap: 4px; }
 #list li { display: grid; grid-template-columns: 44px 1fr 44px auto; gap: 4px; }
 #list label { display: grid; gap: 0; grid-template-columns: minmax(0, 1fr); }

@@ -85,10 +85,6 @@ int needs_bytes_or_failed(const Error& error) {
   return m.ranges.empty() ? failed(error) : kNeedsBytes;
 }
 
-std::string_view text_of(ByteSpan bytes) {
-  return {reinterpret_cast<const char*>(bytes.data()), bytes.size()};
-}
-
 const LevelGeometry& geometry(unsigned level) {
   Module& m = module();
   level &= 255;
@@ -165,7 +161,7 @@ void add_first_tiles(const glm::dvec3& eye, const glm::dvec3& along, std::set<Ti
 }
 
 Result<void> parse_manifest(ByteSpan bytes, const std::string& name) {
-  auto manifest = SLF_TRY(Manifest::parse(text_of(bytes), name));
+  auto manifest = SLF_TRY(Manifest::parse(chars_of(bytes), name));
   module().manifest = std::move(manifest);
   return {};
 }
@@ -187,7 +183,7 @@ extern "C" int __cxa_thread_atexit(void (*)(void*), void*, void*) { return 0; }
 /// Begins to read a file of `file_bytes` bytes; the buffer holds its name.
 SLF_EXPORT(slf_begin) void slf_begin(double file_bytes) {
   Module& m = module();
-  m.name = text_of(m.buffer);
+  m.name = chars_of(m.buffer);
   m.store = std::make_unique<storage::RangedStore>(m.name, static_cast<std::uint64_t>(file_bytes));
 }
 
@@ -205,7 +201,7 @@ SLF_EXPORT(slf_open) int slf_open() {
   const auto blob = m.store->blob("field");
   if (!blob) return needs_bytes_or_failed(blob.error());
   if (auto taken = parse_manifest(*blob, m.name); !taken) return failed(taken.error());
-  m.text = text_of(*blob);
+  m.text = chars_of(*blob);
   return kDone;
 }
 
@@ -214,7 +210,7 @@ SLF_EXPORT(slf_tables) int slf_tables() {
   Module& m = module();
   const auto blob = m.store->blob("tables");
   if (!blob) return needs_bytes_or_failed(blob.error());
-  m.text = text_of(*blob);
+  m.text = chars_of(*blob);
   return kDone;
 }
 
@@ -345,11 +341,7 @@ int slf_check(std::uint32_t level, std::uint32_t entry, std::uint32_t exit,
 /// REQUIRES: slf_check() has verified the payload.
 SLF_EXPORT(slf_references)
 const std::uint32_t* slf_references(std::uint32_t level, std::uint32_t entry, std::uint32_t exit) {
-  std::vector<TileKey> keys;
-  for (const Reference& reference :
-       module().coder->references(key_of(level, entry, exit), module().buffer))
-    keys.push_back(reference.tile);
-  return list(keys);
+  return list(module().coder->references(key_of(level, entry, exit), module().buffer));
 }
 
 /// Adds a tile that the next tile to decode is predicted from. The buffer holds its samples, or no
@@ -373,7 +365,7 @@ int slf_decode(std::uint32_t level, std::uint32_t entry, std::uint32_t exit) {
   m.samples.resize(m.coder->tile_shape(key).bytes());
   const auto references = std::exchange(m.references, {});
   std::vector<ReferenceSamples> from;
-  for (const auto& [of, samples] : references) from.push_back({{of}, samples});
+  for (const auto& [of, samples] : references) from.push_back({of, samples});
   const auto decoded = m.coder->decode(key, m.buffer, from, m.samples);
   return decoded ? kDone : failed(decoded.error());
 }

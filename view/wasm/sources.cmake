@@ -3,7 +3,7 @@
 set(SLF_PORTABLE_SOURCES
   storage/pages.cc storage/trees.cc storage/cursor.cc storage/record.cc storage/container.cc
   storage/ranged_store.cc storage/range_set.cc storage/file_index.cc
-  codec/codec.cc codec/raw_codec.cc
+  codec/codec.cc
   codec/zstd_codec.cc codec/byte_streams.cc codec/lane_samples.cc
   codec/lanes.cc codec/linear_fit.cc codec/portable/zstd_frame.cc
   codec/jpeg_codec.cc codec/jpeg_alpha.cc codec/jpeg_encode.cc codec/jpeg_pictures.cc

@@ -102,8 +102,7 @@ TEST_F(Inspect, FiltersByLevelAndSubfield) {
 
 TEST_F(Inspect, ListsMissingTilesWhereAsked) {
   const auto holed = changed("holed.slf", [](storage::TileWriter& writer) {
-    for (const std::uint64_t index : {0u, 500u, 1023u})
-      ASSERT_TRUE(writer.replace({1, index}, TileState::missing, {}));
+    for (const std::uint64_t index : {0u, 500u, 1023u}) ASSERT_TRUE(writer.drop({1, index}));
   });
   EXPECT_EQ(list(*holed).size(), 1088u - 3);
   std::vector<std::uint64_t> missing;
@@ -186,8 +185,8 @@ TEST_F(Inspect, FindsTheTileThatWasChanged) {
   const TileShape shape = field_->file().tile_shape(key);
   ASSERT_TRUE(field_->file().codec().encode(shape, samples, nullptr, payload));
   const auto other = changed("other.slf", [&](storage::TileWriter& writer) {
-    ASSERT_TRUE(writer.replace(key, TileState::stored, payload));
-    ASSERT_TRUE(writer.replace({1, 9}, TileState::missing, {}));
+    ASSERT_TRUE(writer.replace(key, payload));
+    ASSERT_TRUE(writer.drop({1, 9}));
   });
   const auto difference = diff_fields(*field_, *other, {.threads = 2});
   ASSERT_TRUE(difference);

@@ -67,7 +67,7 @@ class PredictiveField : public ::testing::Test {
   void drop(const std::string& name, TileKey key) {
     auto writer = storage::TileWriter::resume(folder / name);
     ASSERT_TRUE(writer) << writer.error().message;
-    ASSERT_TRUE(writer->replace(key, TileState::missing, {}));
+    ASSERT_TRUE(writer->drop(key));
     ASSERT_TRUE(writer->close());
   }
   /// A tile of level 0 and one that is predicted from it.
@@ -76,7 +76,7 @@ class PredictiveField : public ::testing::Test {
       const auto tile = field.file().store().find({1, index});
       if (!tile || tile->state != TileState::stored) continue;
       const auto references = field.file().references(*tile);
-      if (!references->empty()) return {references->front().tile, tile->key};
+      if (!references->empty()) return {references->front(), tile->key};
     }
     ADD_FAILURE() << "no tile has references";
     return {};
@@ -195,7 +195,7 @@ TEST_F(PredictiveField, TheBytesOfAViewIncludeWhatItsTilesArePredictedFrom) {
     if (!tile || tile->state != TileState::stored || !needed.insert(key).second) return;
     bytes += tile->payload.size();
     const auto named = field->file().references(*tile);
-    for (const Reference& reference : *named) need(reference.tile);
+    for (const TileKey reference : *named) need(reference);
   };
   for (const TileKey key : statistics.tiles) need(key);
   const auto file = footprint(*field, statistics.tiles);

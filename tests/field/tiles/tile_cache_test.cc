@@ -248,7 +248,7 @@ std::vector<TileKey> references(const FieldFile& field, std::span<const TileKey>
   for (const TileKey key : tiles)
     if (const auto ref = field.store().find(key)) {
       const auto named = field.references(*ref);
-      for (const Reference& reference : *named) found.insert(reference.tile);
+      for (const TileKey reference : *named) found.insert(reference);
     }
   return {found.begin(), found.end()};
 }

@@ -122,7 +122,7 @@ TEST_F(TileReaderTest, TilesThatOthersArePredictedFromAreTilesLikeAnyOther) {
   ASSERT_TRUE(tiles.read(fine));
   const std::uint64_t decodes = tiles.cache().statistics().decodes;
   EXPECT_EQ(decodes, 1 + references.size());
-  ASSERT_TRUE(tiles.read(references.front().tile));
+  ASSERT_TRUE(tiles.read(references.front()));
   EXPECT_EQ(tiles.cache().statistics().decodes, decodes);
 }
 

@@ -293,7 +293,7 @@ TEST_F(Merge, AnUnfinishedPartIsNamed) {
   {
     auto writer = storage::TileWriter::resume(parts[1]);
     ASSERT_TRUE(writer);
-    ASSERT_TRUE(writer->replace({0, 5}, TileState::missing, {}));
+    ASSERT_TRUE(writer->drop({0, 5}));
     ASSERT_TRUE(writer->close());
   }
   expect_refused(parts, ErrorCode::failed, {"1-of-2.slf", "dropped"});

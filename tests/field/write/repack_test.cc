@@ -81,7 +81,7 @@ TEST_F(Repack, HolesOfAnIncompleteFieldCanBeFilledAfterwards) {
     auto writer = storage::TileWriter::resume(folder_ / "in.slf");
     ASSERT_TRUE(writer);
     for (const TileKey key : {TileKey{0, 62}, {0, 63}, {1, 100}, {1, 1022}, {1, 1023}})
-      ASSERT_TRUE(writer->replace(key, storage::TileState::missing, {}));
+      ASSERT_TRUE(writer->drop(key));
     ASSERT_TRUE(writer->close());
   }
   const auto holed = Field::open(folder_ / "in.slf");
@@ -310,7 +310,7 @@ TEST_F(Repack, WhatWasNeverBuiltStaysMissing) {
   {
     auto writer = storage::TileWriter::resume(path + ".unfinished");  // and a hole
     ASSERT_TRUE(writer);
-    ASSERT_TRUE(writer->replace({0, 20}, storage::TileState::missing, {}));
+    ASSERT_TRUE(writer->drop({0, 20}));
     ASSERT_TRUE(writer->close());
   }
   const auto partial = Field::open(path + ".unfinished");
@@ -396,7 +396,7 @@ TEST_F(Repack, WhatAKilledRunLeftGoesWithTheNext) {
   const auto leave_draft = [&] {
     std::filesystem::copy(jpeg_->path(), out + ".repacking");
     auto writer = storage::TileWriter::resume(out + ".repacking");
-    ASSERT_TRUE(writer && writer->replace({1, 1023}, storage::TileState::missing, {}));
+    ASSERT_TRUE(writer && writer->drop({1, 1023}));
     ASSERT_TRUE(writer->close());
   };
   leave_draft();

@@ -157,14 +157,14 @@ TEST_P(States, TilesArePredictedFromThoseOfOtherStates) {
     ++stored[state_of(tile.key)];
     const auto references = (*field)->references(tile);
     EXPECT_TRUE(references) << references.error().message;
-    for (const Reference& reference : *references)
-      if (reference.tile.level == tile.key.level) {
+    for (const TileKey reference : *references)
+      if (reference.level == tile.key.level) {
         ++predicted[state_of(tile.key)];
         EXPECT_LE((*field)->chain(tile).value_or(99), kMaxChain);
-        EXPECT_LT(state_of(reference.tile), state_of(tile.key));
-        EXPECT_EQ(in_state(reference.tile, 0), in_state(tile.key, 0));
+        EXPECT_LT(state_of(reference), state_of(tile.key));
+        EXPECT_EQ(in_state(reference, 0), in_state(tile.key, 0));
       } else {
-        EXPECT_EQ(state_of(reference.tile), state_of(tile.key));
+        EXPECT_EQ(state_of(reference), state_of(tile.key));
       }
     return {};
   };
@@ -181,7 +181,7 @@ TEST_P(States, DamageSpreadsToWhatIsPredictedFromIt) {
     const auto visit = [&](const storage::TileRef& tile) -> Result<void> {
       bool uses = tile.state == TileState::same && tile.source == on;
       const auto references = field.references(tile);
-      for (const Reference& reference : *references) uses |= found.contains(reference.tile);
+      for (const TileKey reference : *references) uses |= found.contains(reference);
       if (uses) found.insert(tile.key);
       return {};
     };
@@ -202,7 +202,7 @@ TEST_P(States, DamageSpreadsToWhatIsPredictedFromIt) {
     ASSERT_TRUE((*field)->store().visit({1, 0}, {1, 200}, find));
     auto writer = storage::TileWriter::resume(file);
     ASSERT_TRUE(writer);
-    ASSERT_TRUE(writer->replace(lost, TileState::missing, {}));
+    ASSERT_TRUE(writer->drop(lost));
     ASSERT_TRUE(writer->close());
   }
   const auto verified = verify_field(file, {});
@@ -325,7 +325,7 @@ TEST_P(States, AnInterruptedPartEndsWithTheSameTiles) {
     {
       auto writer = storage::TileWriter::resume(path("stopped"));
       ASSERT_TRUE(writer);
-      ASSERT_TRUE(writer->replace(last, TileState::missing, {}));
+      ASSERT_TRUE(writer->drop(last));
       ASSERT_TRUE(writer->close());
     }
     expect_refused({path("stopped")}, "were not built, or were dropped", ErrorCode::failed);
@@ -392,7 +392,7 @@ TEST_P(States, ALostTileIsMissingInAllStatesThatShareIt) {
     ASSERT_TRUE((*field)->store().visit({1, 0}, {2, 0}, take));
     auto writer = storage::TileWriter::resume(file);
     ASSERT_TRUE(writer);
-    ASSERT_TRUE(writer->replace(source, TileState::missing, {}));
+    ASSERT_TRUE(writer->drop(source));
     ASSERT_TRUE(writer->close());
   }
   const auto verified = verify_field(file, {});

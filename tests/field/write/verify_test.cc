@@ -102,10 +102,11 @@ class Verify : public ::testing::Test {
     write_text(path_, bytes);
   }
 
-  void replace(TileKey key, TileState state, std::string_view payload = {}) const {
+  /// Makes a tile missing if there is no payload.
+  void replace(TileKey key, std::string_view payload = {}) const {
     auto writer = TileWriter::resume(path_);
     ASSERT_TRUE(writer) << writer.error().message;
-    ASSERT_TRUE(writer->replace(key, state, as_bytes(std::span<const char>(payload))));
+    ASSERT_TRUE(payload.empty() ? writer->drop(key) : writer->replace(key, bytes_of(payload)));
     ASSERT_TRUE(writer->close());
   }
 
@@ -192,7 +193,7 @@ TEST_F(Verify, T1AFlippedPayloadByte) {
 }
 
 TEST_F(Verify, T2APayloadThatDoesNotDecode) {
-  replace(stored_[0], TileState::stored, "not a picture");
+  replace(stored_[0], "not a picture");
   const auto report = verify(path_);
   EXPECT_EQ(ids(report), Ids{"T2"});
   EXPECT_NE(report.findings[0].message.find(name(stored_[0])), std::string::npos);
@@ -233,7 +234,7 @@ TEST_F(Verify, K1ATileThatShouldNotBe) {
 }
 
 TEST_F(Verify, C1TilesThatWereNeverBuilt) {
-  replace({1, 3}, TileState::missing);
+  replace({1, 3});
   const auto report = verify(path_);
   EXPECT_EQ(ids(report), Ids{"C1"});
   EXPECT_EQ(report.damaged, 0u);
@@ -306,7 +307,7 @@ TEST_F(Verify, ANewerFormatIsNotDamage) {
 TEST_F(Verify, EveryKindOfDamageAtOnceIsDropped) {
   flip_payload({0, 7});
   flip_payload(stored_[3]);
-  replace(stored_[1], TileState::stored, "not a picture");
+  replace(stored_[1], "not a picture");
   flip_record(stored_.back());
   VerifyOptions options;
   options.threads = 1;
@@ -322,7 +323,7 @@ TEST_F(Verify, EveryKindOfDamageAtOnceIsDropped) {
 
 TEST_F(Verify, FillingHolesMayBeInterrupted) {
   const std::vector<TileKey> holes{stored_[0], stored_[1], {0, 5}, stored_.back()};
-  for (const TileKey& key : holes) replace(key, TileState::missing);
+  for (const TileKey& key : holes) replace(key);
   int calls = 0;
   EXPECT_FALSE(
       build_field(stripes(), path_, options_, [&](const Progress&) { return ++calls < 2; }));
@@ -348,8 +349,7 @@ TEST_F(Verify, HolesAreFilledAsTheirLevelWasSampled) {
   {
     auto writer = TileWriter::resume(cut);
     ASSERT_TRUE(writer);
-    for (const std::uint64_t index : {5u, 7u, 40u})
-      ASSERT_TRUE(writer->replace({0, index}, TileState::missing, {}));
+    for (const std::uint64_t index : {5u, 7u, 40u}) ASSERT_TRUE(writer->drop({0, index}));
     ASSERT_TRUE(writer->close());
   }
   options.shape.levels = 0;

@@ -45,7 +45,7 @@ int list_looks(const char* path, const std::vector<std::string>& texts) {
   const auto field = Field::open(path);
   if (!field) return 2;
   std::vector<StructureLook> unknown;
-  const auto looks = parse_structures(texts);
+  const auto looks = parse_structures(texts, field->states());
   if (!looks) return 4;
   const auto shown = structures_of(*field, *looks, unknown);
   if (!shown || !unknown.empty() || (!shown->empty() && !compose(*field, *shown))) return 4;
