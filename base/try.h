@@ -22,7 +22,7 @@ namespace slf {
 /// parts.
 template <class T, class... Place>
 [[nodiscard]] Result<T> at_place(Result<T> result, const Place&... place) {
-  if (!result) result.error().message = concat(place..., ": ", result.error().message);
+  if (!result) return fail_in(result.error(), place..., ": ");
   return result;
 }
 
