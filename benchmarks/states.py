@@ -10,13 +10,19 @@ field of its own, what share of tiles it has in common with earlier states, and 
 both fields to ray-casting, the latter under its own light. Then the sums: all states in one
 field; a field for each; the same if equal tiles were stored once, but nothing were predicted from other
 states. Options after `--` are those of `slf build`, as `-- --levels 1 --lighting direct`.
+
+With `--memory`, it only builds, and prints the peak memory and the time of all states in one build,
+and of the first alone; with `--labels`, too, those of each structure of a label volume, and of all
+as one.
 """
 
 import argparse
 import json
+import os
 import pathlib
 import subprocess
 import sys
+import time
 
 
 class Benchmark:
@@ -56,6 +62,25 @@ class Benchmark:
                                    "--views", self.options.views, "--size", 256, "--json",
                                    *shown))["psnr"]
         return float("inf") if found is None else found
+
+    def memory(self):
+        file = self.folder / "states.json"
+        if self.options.labels:
+            builds = [("each structure", ["--labels", "--each-label"]),
+                      ("all as one", ["--labels"])]
+        else:
+            file.write_text(json.dumps({"states": self.states()}))
+            builds = [("all states", ["--states", file]), ("the first alone", [])]
+        for name, options in builds:
+            begin = time.monotonic()
+            build = subprocess.Popen([self.options.slf, "-q", "build", self.options.volume, "-f",
+                                      "-o", self.folder / "memory.slf", *options,
+                                      *self.options.build])
+            _, status, usage = os.wait4(build.pid, 0)
+            if status != 0:
+                sys.exit(f"{name}: the build failed")
+            print(f"{name:16} {usage.ru_maxrss / 1024:6.0f} MiB {time.monotonic() - begin:7.1f} s",
+                  flush=True)
 
     def run(self):
         states = self.states()
@@ -102,11 +127,14 @@ def main():
     parser.add_argument("--times", action="store_true", help="time points instead of cuts")
     parser.add_argument("--depth", type=float, default=0.7, help="how far down the last cut is")
     parser.add_argument("--views", type=int, default=4)
+    parser.add_argument("--memory", action="store_true", help="peak memory and time alone")
+    parser.add_argument("--labels", action="store_true", help="with --memory: of a label volume")
     arguments = sys.argv[1:]
     at = arguments.index("--") if "--" in arguments else len(arguments)
     options = parser.parse_args(arguments[:at])
     options.build = arguments[at + 1:]
-    Benchmark(options).run()
+    benchmark = Benchmark(options)
+    benchmark.memory() if options.memory else benchmark.run()
 
 
 if __name__ == "__main__":
