@@ -665,10 +665,11 @@ def test_states_of_one_array_read_it_once(tmp_path):
 
         def __getitem__(self, part):
             self.read += 1
-            return np.full((12, 12, 12), 200, np.uint8)[part]
+            return np.arange(12**3, dtype=np.uint16).astype(np.uint8).reshape(self.shape)[part]
     slabs = Slabs()
     states = [{"name": "whole"}, {"name": "cut", "clip": [(6, 6, 6, 0, 0, 1)]}]
-    slf.build(slabs, tmp_path / "a.slf", **SMALL, lighting="direct", states=states)
+    slf.build(slabs, tmp_path / "a.slf", **SMALL, lighting="direct", transfer="ct-bone",
+              range=(0, 255), states=states)
     assert slabs.read == 3
     with pytest.raises(slf.UsageError, match="light_from: not for scenes of Python"):
         slf.build(slf.Scene(), tmp_path / "b.slf", states=[{"name": "a", "light_from": "b"}])
