@@ -405,7 +405,8 @@ TEST(MakeScene, LabelsOfOneNameAreOneStructure) {
   using Groups = std::vector<std::pair<std::string, std::vector<int>>>;
   const auto groups = [&] {
     Groups out;
-    for (const auto& [name, scene] : *make_label_scenes(d))
+    const auto made = make_label_scenes(d);
+    for (const auto& [name, scene] : *made)
       out.emplace_back(name, nlohmann::json::parse(scene->provenance())["structures"]["only"]);
     return out;
   };
