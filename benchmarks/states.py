@@ -24,6 +24,7 @@ as one.
 
 import argparse
 import json
+import os
 import pathlib
 import subprocess
 import sys
@@ -101,11 +102,11 @@ class Benchmark:
 
     def encoded(self, states, file):
         """What encodes the rays of all states again, its bytes, and the PSNR of views of each."""
+        if not self.options.quality and not self.options.film:
+            return
         import numpy
         from report import peers
 
-        if not self.options.quality and not self.options.film:
-            return
         self.slf("build", self.options.volume, "--states", file, "-o", self.folder / "exact.slf",
                  *self.options.build, "--codec", "zstd")
         for quality in self.options.quality:

@@ -307,6 +307,8 @@ TEST(StateScenes, ReadAFileOnce) {
   SceneDescription d;
   d.input = path;
   d.reading.raw = {{{8, 8, 8}}};
+  d.transfer = "ct-bone";
+  d.range = {0, 50};
   d.lighting = Lighting::direct;
   int notes = 0;
   d.on_note = [&](const std::string&, const char*) { ++notes; };
