@@ -86,9 +86,9 @@ struct FieldState {
                                               const BuildOptions& options,
                                               const ProgressCallback& progress = {});
 
-/// The same with several states on one sphere. Tiles whose
-/// samples equal those of the same tile of an earlier state are stored once. Keeps 16 bytes in
-/// memory of each tile that is to be built. usage: no state, a state without a name, two with one.
+/// The same with several states on one sphere. Tiles whose samples equal those of the same tile of an
+/// earlier state are stored once. Keeps 16 bytes in memory of each tile that is to be built. usage:
+/// no state, a state without a name, two with one.
 [[nodiscard]] Result<BuildReport> build_field(std::span<const FieldState> states,
                                               const std::string& path, const BuildOptions& options,
                                               const ProgressCallback& progress = {});
