@@ -16,13 +16,19 @@ one picture for each entry vertex, and each entry vertex in all states before th
 and depth cost the film nothing. Its views are drawn from fields with its colours. Needs numpy, and
 `entry_pictures` beside `slf`, as in build/bench. Beside it `--quality Q...`: the field of all,
 `predictive:Q`.
+
+With `--memory`, it only builds, and prints the peak memory and the time of all states in one build,
+and of the first alone; with `--labels`, too, those of each structure of a label volume, and of all
+as one.
 """
 
 import argparse
 import json
+import os
 import pathlib
 import subprocess
 import sys
+import time
 import types
 
 
@@ -75,13 +81,32 @@ class Benchmark:
                                    *shown))["psnr"]
         return float("inf") if found is None else found
 
+    def memory(self):
+        file = self.folder / "states.json"
+        if self.options.labels:
+            builds = [("each structure", ["--labels", "--each-label"]),
+                      ("all as one", ["--labels"])]
+        else:
+            file.write_text(json.dumps({"states": self.states()}))
+            builds = [("all states", ["--states", file]), ("the first alone", [])]
+        for name, options in builds:
+            begin = time.monotonic()
+            build = subprocess.Popen([self.options.slf, "-q", "build", self.options.volume, "-f",
+                                      "-o", self.folder / "memory.slf", *options,
+                                      *self.options.build])
+            _, status, usage = os.wait4(build.pid, 0)
+            if status != 0:
+                sys.exit(f"{name}: the build failed")
+            print(f"{name:16} {usage.ru_maxrss / 1024:6.0f} MiB {time.monotonic() - begin:7.1f} s",
+                  flush=True)
+
     def encoded(self, states, file):
         """What encodes the rays of all states again, its bytes, and the PSNR of views of each."""
+        if not self.options.quality and not self.options.film:
+            return
         import numpy
         from report import peers
 
-        if not self.options.quality and not self.options.film:
-            return
         self.slf("build", self.options.volume, "--states", file, "-o", self.folder / "exact.slf",
                  *self.options.build, "--codec", "zstd")
         for quality in self.options.quality:
@@ -163,6 +188,8 @@ def main():
     parser.add_argument("--times", action="store_true", help="time points instead of cuts")
     parser.add_argument("--depth", type=float, default=0.7, help="how far down the last cut is")
     parser.add_argument("--views", type=int, default=4)
+    parser.add_argument("--memory", action="store_true", help="peak memory and time alone")
+    parser.add_argument("--labels", action="store_true", help="with --memory: of a label volume")
     parser.add_argument("--film", type=int, nargs="+", default=[], metavar="CRF",
                         help="also as films of these qualities, 0 (best) to 63")
     parser.add_argument("--quality", type=int, nargs="+", default=[], metavar="Q",
@@ -171,7 +198,8 @@ def main():
     at = arguments.index("--") if "--" in arguments else len(arguments)
     options = parser.parse_args(arguments[:at])
     options.build = arguments[at + 1:]
-    Benchmark(options).compare()
+    benchmark = Benchmark(options)
+    benchmark.memory() if options.memory else benchmark.compare()
 
 
 if __name__ == "__main__":

@@ -41,10 +41,9 @@ Result<void> run_build(const BuildArguments& arguments) {
   } else {
     made = SLF_TRY(make_states(arguments.states, source));
   }
-  std::vector<FieldState> states;
-  for (const NamedScene& state : made) states.push_back({state.name, state.scene.get()});
+  const auto states = field_states(made);
   Sphere& sphere = options.shape.sphere;
-  sphere = states[0].scene->bounds();
+  sphere = bounds_of(states);
   if (!arguments.center.empty()) sphere.center = to_vector(arguments.center);
   if (arguments.radius != 0) sphere.radius = arguments.radius;
   options.replace = arguments.force;

@@ -361,11 +361,11 @@ Result<T> hinted(Result<T> result) {
 }
 
 /// The states that a JSON file lists (schemas/states.json): scenes with the `common` options, but
-/// for those of each state. With a name `last`, just the first one, the one of this name as the
-/// last, and what that needs. Messages name the file and the state.
+/// for those of each state. Messages name the file and the state.
 [[nodiscard]] Result<std::vector<NamedScene>> make_states(const std::string& file,
-                                                          const SourceArguments& common,
-                                                          const std::string& last = {});
+                                                          const SourceArguments& common);
+/// For build_field(). They must not outlive the scenes.
+[[nodiscard]] std::vector<FieldState> field_states(const std::vector<NamedScene>& scenes);
 
 /// The options that choose the part of a field to build.
 struct ShardArguments {

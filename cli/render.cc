@@ -138,14 +138,21 @@ struct RaycastArguments {
   unsigned threads = 0;
 };
 
-/// The scene to draw, last, behind that around which the view is.
-Result<std::vector<NamedScene>> scenes_of(const RaycastArguments& a,
-                                          const SourceArguments& source) {
-  if (!a.states.empty()) return make_states(a.states, source, a.state);
-  std::vector<NamedScene> made;
-  auto scene = SLF_TRY(hinted(make_scene(source)));
-  made.push_back({"", std::move(scene)});
-  return made;
+struct RaycastScene {
+  std::shared_ptr<const Scene> scene;
+  Sphere sphere;  // of a field of it, or of all states
+};
+Result<RaycastScene> scene_of(const RaycastArguments& a, const SourceArguments& source) {
+  if (a.states.empty()) {
+    const std::shared_ptr<const Scene> scene = SLF_TRY(hinted(make_scene(source)));
+    return RaycastScene{scene, scene->bounds()};
+  }
+  const auto made = SLF_TRY(make_states(a.states, source));
+  auto found = std::ranges::find(made, a.state, &NamedScene::name);
+  for (std::size_t k = 0; found == made.end() && k < made.size(); ++k)
+    if (std::to_string(k) == a.state) found = made.begin() + static_cast<std::ptrdiff_t>(k);
+  if (found == made.end()) return misuse(a.states, "has no state '", a.state, "'");
+  return RaycastScene{found->scene, bounds_of(field_states(made))};
 }
 
 /// Names the pictures of cameras in the folder of their output. bad_file: two have one name, or one
@@ -181,13 +188,12 @@ Result<void> raycast_cameras(const RaycastArguments& a) {
       SLF_TRY(refuse_overwrite(picture.file, a.picture.force, inputs));
     return {};
   };
-  const auto made = SLF_TRY(scenes_of(a, source));
-  const auto& scene = made.back().scene;
+  const auto [scene, sphere] = SLF_TRY(scene_of(a, source));
   const auto progress = progress_bar("raycast", "pictures", OnSignal::end);
   for (std::size_t k = 0; k < set.pictures.size(); ++k) {
     const Picture& picture = set.pictures[k];
     const auto camera = SLF_TRY(camera_of(picture));
-    auto image = SLF_TRY(trace_view(*scene, made.front().scene->bounds(), camera, a.threads));
+    auto image = SLF_TRY(trace_view(*scene, sphere, camera, a.threads));
     std::error_code error;
     std::filesystem::create_directories(std::filesystem::path(picture.file).parent_path(), error);
     SLF_TRY(write_image(picture.file, through_lens(picture, camera, std::move(image))));
@@ -203,9 +209,7 @@ Result<void> run_raycast(const RaycastArguments& a) {
   source.finish(a.threads, OnSignal::end);
   source.check = [&](const std::vector<std::string>& inputs) { return a.picture.check(inputs); };
   source.raycast.lighting.linear = a.picture.is_exr();
-  const auto made = SLF_TRY(scenes_of(a, source));
-  const auto& scene = made.back().scene;
-  const Sphere sphere = made.front().scene->bounds();
+  const auto [scene, sphere] = SLF_TRY(scene_of(a, source));
   const auto camera = SLF_TRY(a.camera.camera(sphere));
   const auto image = SLF_TRY(trace_view(*scene, sphere, camera, a.threads,
                                         progress_bar("raycast", "rows", OnSignal::end)));

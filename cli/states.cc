@@ -1,6 +1,5 @@
 // The states of a field to build: a JSON file of options that differ between them.
 #include <algorithm>
-#include <map>
 #include <set>
 
 #include "base/file.h"
@@ -33,9 +32,8 @@ void append_arguments(const std::string& name, const nlohmann::json& value,
   }
 }
 
-/// The options of the state `name` in place of `common` ones.
-Result<SourceArguments> arguments_of(const nlohmann::json& state, const std::string& name,
-                                     const SourceArguments& common) {
+/// The options of the state in place of `common` ones.
+Result<SourceArguments> arguments_of(const nlohmann::json& state, const SourceArguments& common) {
   SourceArguments source = common;
   CLI::App options;
   options.set_help_flag();
@@ -59,29 +57,7 @@ Result<SourceArguments> arguments_of(const nlohmann::json& state, const std::str
     return fail(ErrorCode::usage, error.what());
   }
   if (options.count("--lighting") > 0) source.raycast.projection = Projection::none;
-  source.light_volume.file = name_of_state(source.light_volume.file, name);
   return source;
-}
-
-/// Gives the scene the light of the state that `state` names, one of those that were made.
-Result<void> share_light(const nlohmann::json& state, const std::vector<NamedScene>& made,
-                         const Scene& scene) {
-  if (!state.contains(kLightFrom)) return {};
-  const std::string name = text_of(state, kLightFrom, "");
-  const auto from = std::ranges::find(made, name, &NamedScene::name);
-  if (from == made.end()) return misuse(kLightFrom, "no earlier state is named '", name, "'");
-  return at_place(scene.share_light(from->scene), kLightFrom, ": '", name, "'");
-}
-
-/// usage: one of the states in `files` keeps its light in the same file.
-Result<void> check_light_file(const nlohmann::json& state, const SourceArguments& source,
-                              const std::string& name, std::map<std::string, std::string>& files) {
-  const std::string& file = source.light_volume.file;
-  if (file.empty() || state.contains(kLightFrom) || source.lighting == Lighting::direct) return {};
-  const auto [other, added] = files.emplace(file, name);
-  if (added) return {};
-  return fail(ErrorCode::usage, "--light-file ", file, ": has the light of state '", other->second,
-              "'; {state} in its name gives each its own");
 }
 
 Result<nlohmann::json> read_states(const std::string& path) {
@@ -109,39 +85,34 @@ Result<nlohmann::json> read_states(const std::string& path) {
 
 }  // namespace
 
-Result<std::vector<NamedScene>> make_states(const std::string& file, const SourceArguments& common,
-                                            const std::string& last) {
-  std::vector<NamedScene> made;
+Result<std::vector<NamedScene>> make_states(const std::string& file,
+                                            const SourceArguments& common) {
+  StateScenes made;
   const auto states = SLF_TRY(read_states(file));
-  bool named = false;  // else `last` is a number, or a time's name
-  std::string lit_by;  // what gives `last` its light
-  for (const nlohmann::json& state : states)
-    if (text_of(state, "name", "") == last) named = true, lit_by = text_of(state, kLightFrom, "");
-  std::map<std::string, std::string> light_files;
   for (nlohmann::json state : states) {
     const std::string stem = text_of(state, "name", "");
     const bool all = state.value("time", nlohmann::json()) == "all";
-    const bool needed = !named || made.empty() || all || stem == last || stem == lit_by;
-    for (unsigned time = 0; needed; ++time) {
+    for (unsigned time = 0;; ++time) {
       if (all) state["time"] = time;
-      const std::string name = all ? fmt::format("{} {}", stem, time) : stem;
-      const auto own = arguments_of(state, name, common);
-      auto scene = own ? make_scene(*own) : tl::unexpected(own.error());
+      const auto own = arguments_of(state, common);
+      auto ok = own ? made.add(all ? fmt::format("{} {}", stem, time) : stem, *own,
+                               text_of(state, kLightFrom, ""))
+                    : tl::unexpected(own.error());
       // There are no more times in the file.
-      if (all && time > 0 && !scene && scene.error().choice &&
-          std::string_view(scene.error().choice) == "time")
+      if (all && time > 0 && !ok && ok.error().choice &&
+          std::string_view(ok.error().choice) == "time")
         break;
-      scene = hinted(std::move(scene));
-      auto ok = scene ? share_light(state, made, **scene) : tl::unexpected(scene.error());
-      if (ok && last.empty()) ok = check_light_file(state, *own, name, light_files);
-      SLF_TRY(at_place(std::move(ok), file, ": state '", stem, "'"));
-      made.push_back({name, std::move(*scene)});
-      if (name == last || (!named && std::to_string(made.size() - 1) == last)) return made;
+      SLF_TRY(at_place(hinted(std::move(ok)), file, ": state '", stem, "'"));
       if (!all) break;
     }
   }
-  if (!last.empty()) return misuse(file, "has no state '", last, "'");
-  return made;
+  return made.scenes();
+}
+
+std::vector<FieldState> field_states(const std::vector<NamedScene>& scenes) {
+  std::vector<FieldState> states;
+  for (const NamedScene& one : scenes) states.push_back({one.name, one.scene.get()});
+  return states;
 }
 
 }  // namespace slf::cli

@@ -1,12 +1,15 @@
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
+#include <map>
 #include <nlohmann/json.hpp>
+#include <set>
 #include <tuple>
 #include <utility>
 
 #include "base/join.h"
 #include "base/try.h"
+#include "field/scene/provenance.h"
 #include "slf/image.h"
 #include "slf/scene_description.h"
 
@@ -106,15 +109,34 @@ Result<std::unique_ptr<Scene>> mesh_scene(const SceneDescription& d) {
                          {options.shade, options.light, options.ambient, options.lighting});
 }
 
+/// A volume that was read, for states that name it again.
+struct Reading {
+  std::string path;
+  VolumeOptions options;
+  Volume volume;  // whose copies share the voxels
+};
+using Readings = std::vector<Reading>;
+
+/// `kept`: null: none.
+Result<Volume> read_once(const std::string& path, const VolumeOptions& options, Readings* kept) {
+  if (kept == nullptr) return read_volume(path, options);
+  for (const Reading& before : *kept)
+    if (before.path == path && before.options == options) return before.volume;
+  auto volume = SLF_TRY(read_volume(path, options));
+  volume.share();
+  kept->push_back({path, options, std::move(volume)});
+  return kept->back().volume;
+}
+
 /// Reads a label volume or a mask.
-Result<Volume> read_structure(const SceneDescription& d, const std::string& path) {
+Result<Volume> read_structure(const SceneDescription& d, const std::string& path, Readings* kept) {
   // Parts are placed by position, so a crop does not concern them. They mostly have a header
   // and one number a voxel, also where the volume does not.
   VolumeOptions options;
   options.labels = true;
   options.resample = d.reading.resample;
   if (!d.reading.raw) options.spacing = d.reading.spacing;
-  auto volume = read_volume(path, options);
+  auto volume = read_once(path, options, kept);
   if (volume) return volume;
   const std::string_view choice = volume.error().choice ? volume.error().choice : "";
   if (choice == "raw" && d.reading.raw) {
@@ -127,7 +149,23 @@ Result<Volume> read_structure(const SceneDescription& d, const std::string& path
   } else {
     return volume;
   }
-  return read_volume(path, options);
+  return read_once(path, options, kept);
+}
+
+/// The volume that the description is of.
+Result<Volume> volume_of(const SceneDescription& d, Readings* kept) {
+  if (d.volume) return *d.volume;
+  auto volume = read_once(d.input, d.reading, kept);
+  if (volume || volume.error().code == ErrorCode::not_found) return volume;
+  std::error_code ignored;
+  const bool may_have_cameras = d.input.ends_with(".json") || d.input.ends_with(".csv") ||
+                                std::filesystem::is_directory(d.input, ignored);
+  if (may_have_cameras && read_pictures(d.input))
+    return bad_file(d.input, "has pictures with cameras, not a volume: name it ", kPicturesPrefix,
+                    d.input);
+  if (d.reading.raw && volume.error().choice && std::string_view(volume.error().choice) == "raw")
+    volume.error().choice = "layout";
+  return volume;
 }
 
 Result<LabelTable> styles_of(const SceneDescription& d, const Volume& labels) {
@@ -135,7 +173,7 @@ Result<LabelTable> styles_of(const SceneDescription& d, const Volume& labels) {
   return d.styles.value_or(labels.label_styles);
 }
 
-Result<VolumeParts> read_parts(const SceneDescription& d, const json& built) {
+Result<VolumeParts> read_parts(const SceneDescription& d, const json& built, Readings* kept) {
   VolumeParts parts;
   const json recorded = built.value("structures", json::object());
   for (const auto& [member, choice, source, to] :
@@ -146,7 +184,7 @@ Result<VolumeParts> read_parts(const SceneDescription& d, const json& built) {
       return fail_without(choice, ErrorCode::usage,
                           "the field was built with one: name the same file");
     if (*to || !*source) continue;
-    auto volume = SLF_TRY(read_structure(d, source->path));
+    auto volume = SLF_TRY(read_structure(d, source->path, kept));
     note_all(d, source->path, volume.notes);
     *to = std::make_shared<const Volume>(std::move(volume));
   }
@@ -158,7 +196,7 @@ Result<VolumeParts> read_parts(const SceneDescription& d, const json& built) {
   return parts;
 }
 
-Result<std::unique_ptr<Scene>> volume_scene(const SceneDescription& d) {
+Result<std::unique_ptr<Scene>> volume_scene(const SceneDescription& d, Readings* kept) {
   const json built = recorded(d, "volume");
   auto options = SLF_TRY(rays_of(d, built));
   // Read the small files first, so that an error in one is found before a large volume is read.
@@ -174,8 +212,8 @@ Result<std::unique_ptr<Scene>> volume_scene(const SceneDescription& d) {
       (!((*d.range)[0] < (*d.range)[1]) || !std::isfinite((*d.range)[1] - (*d.range)[0])))
     return fail_without("range", ErrorCode::usage, "range ", (*d.range)[0], ",", (*d.range)[1],
                         ": expected two ascending numbers");
-  options.parts = SLF_TRY(read_parts(d, built));
-  auto volume = SLF_TRY(d.volume ? Result<Volume>(*d.volume) : read_volume(d));
+  options.parts = SLF_TRY(read_parts(d, built, kept));
+  auto volume = SLF_TRY(volume_of(d, kept));
   note_all(d, volume.source, volume.notes);
   if (volume.labels) volume.label_styles = SLF_TRY(styles_of(d, volume));
   if (!d.label_table.empty() && !volume.labels && !options.parts.labels)
@@ -235,43 +273,28 @@ Result<std::unique_ptr<Scene>> volume_scene(const SceneDescription& d) {
                       ": choose another, or stretch it to a range");
 }
 
-}  // namespace
-
-bool SceneDescription::is_pictures() const { return input.starts_with(kPicturesPrefix); }
-
-std::vector<std::string> SceneDescription::files() const {
-  return {input,
-          transfer_file(transfer),
-          labels_volume.path,
-          label_table,
-          mask.path,
-          light_rig,
-          environment,
-          light_volume.file,
-          depth_cache.value_or("")};
+Result<std::unique_ptr<Scene>> scene_of(const SceneDescription& d, Readings* kept) {
+  if (d.check) SLF_TRY(d.check(d.files()));
+  if (!d.volume && d.input.starts_with(kScenePrefix)) {
+    SLF_TRY(check_no_volume(d, "an analytic scene"));
+    return make_analytic_scene(std::string_view(d.input).substr(kScenePrefix.size()));
+  }
+  if (!d.volume && d.is_pictures()) return picture_scene(d);
+  if (!d.volume && is_mesh_name(d.input)) return mesh_scene(d);
+  return volume_scene(d, kept);
 }
 
-Result<Volume> read_volume(const SceneDescription& d) {
-  auto volume = read_volume(d.input, d.reading);
-  if (volume || volume.error().code == ErrorCode::not_found) return volume;
-  std::error_code ignored;
-  const bool may_have_cameras = d.input.ends_with(".json") || d.input.ends_with(".csv") ||
-                                std::filesystem::is_directory(d.input, ignored);
-  if (may_have_cameras && read_pictures(d.input))
-    return bad_file(d.input, "has pictures with cameras, not a volume: name it ", kPicturesPrefix,
-                    d.input);
-  if (d.reading.raw && volume.error().choice && std::string_view(volume.error().choice) == "raw")
-    volume.error().choice = "layout";
-  return volume;
-}
+/// Labels that are one structure.
+struct LabelGroup {
+  std::string name;
+  std::vector<std::int64_t> ids;
+};
 
-Result<std::vector<LabelGroup>> label_groups(const SceneDescription& d) {
+Result<std::vector<LabelGroup>> label_groups(const SceneDescription& d, Readings* kept) {
   const VolumeSource& parts = d.labels_volume;
-  const auto volume = parts.volume          ? Result<Volume>(*parts.volume)
-                      : !parts.path.empty() ? read_structure(d, parts.path)
-                      : d.volume            ? Result<Volume>(*d.volume)
-                                            : read_volume(d);
-  const auto labels = SLF_TRY(volume);
+  const auto labels = SLF_TRY(parts.volume          ? Result<Volume>(*parts.volume)
+                              : !parts.path.empty() ? read_structure(d, parts.path, kept)
+                                                    : volume_of(d, kept));
   if (!labels.labels)
     return fail_without("labels", ErrorCode::usage, labels.source,
                         ": holds amounts, not labels of structures");
@@ -291,6 +314,24 @@ Result<std::vector<LabelGroup>> label_groups(const SceneDescription& d) {
     return fail_without("label_table", ErrorCode::usage, labels.source, ": has no visible label");
   return groups;
 }
+
+}  // namespace
+
+bool SceneDescription::is_pictures() const { return input.starts_with(kPicturesPrefix); }
+
+std::vector<std::string> SceneDescription::files() const {
+  return {input,
+          transfer_file(transfer),
+          labels_volume.path,
+          label_table,
+          mask.path,
+          light_rig,
+          environment,
+          light_volume.file,
+          depth_cache.value_or("")};
+}
+
+Result<Volume> read_volume(const SceneDescription& d) { return volume_of(d, nullptr); }
 
 Result<PictureSet> read_pictures(const SceneDescription& d) {
   auto set = SLF_TRY(read_pictures(d.input.substr(kPicturesPrefix.size())));
@@ -312,14 +353,7 @@ PictureSceneOptions picture_options(const SceneDescription& d, const PictureSet&
 }
 
 Result<std::unique_ptr<Scene>> make_scene(const SceneDescription& d) {
-  if (d.check) SLF_TRY(d.check(d.files()));
-  if (!d.volume && d.input.starts_with(kScenePrefix)) {
-    SLF_TRY(check_no_volume(d, "an analytic scene"));
-    return make_analytic_scene(std::string_view(d.input).substr(kScenePrefix.size()));
-  }
-  if (!d.volume && d.is_pictures()) return picture_scene(d);
-  if (!d.volume && is_mesh_name(d.input)) return mesh_scene(d);
-  return volume_scene(d);
+  return scene_of(d, nullptr);
 }
 
 std::string name_of_state(std::string path, std::string state) {
@@ -331,36 +365,67 @@ std::string name_of_state(std::string path, std::string state) {
   return path;
 }
 
-Result<std::vector<NamedScene>> make_label_scenes(SceneDescription d) {
-  if (!d.volume && !d.labels_volume) {
-    if (d.check) SLF_TRY(d.check(d.files()));
-    auto volume = SLF_TRY(read_volume(d));
-    note_all(d, volume.source, std::exchange(volume.notes, {}));
-    volume.share();
-    d.volume = std::make_shared<const Volume>(std::move(volume));
+/// What the scenes have in common, and what is known of them.
+struct StateScenes::Shared {
+  Readings readings{};
+  std::shared_ptr<SharedScenes> scenes = share_scenes();
+  std::shared_ptr<std::set<std::string>> noted = std::make_shared<std::set<std::string>>();
+  std::map<std::string, std::pair<std::string, std::string>> lights{};  // by file: state and key
+
+  Result<std::unique_ptr<Scene>> make(SceneDescription d) {
+    d.raycast.shared = scenes;
+    if (d.on_note)
+      d.on_note = [once = noted, on_note = d.on_note](const std::string& text, const char* choice) {
+        if (once->insert(text).second) on_note(text, choice);
+      };
+    return scene_of(d, &readings);
   }
-  std::vector<NamedScene> made;
-  const auto groups = SLF_TRY(label_groups(d));
-  const auto notes = d.on_note;
+};
+
+StateScenes::StateScenes() : shared_(std::make_unique<Shared>()) {}
+StateScenes::~StateScenes() = default;
+
+Result<void> StateScenes::add(const std::string& name, SceneDescription d,
+                              const std::string& light_from) {
+  std::string& file = d.light_volume.file;
+  file = name_of_state(file, name);
+  auto scene = SLF_TRY(shared_->make(d));
+  if (!light_from.empty()) {
+    const auto from = std::ranges::find(made_, light_from, &NamedScene::name);
+    if (from == made_.end())
+      return fail(ErrorCode::usage, "no earlier state is named '", light_from,
+                  "', whose light this one has");
+    SLF_TRY(scene->share_light(from->scene).map_error([&](const Error& error) {
+      return Error{error.code, concat("the light of '", light_from, "': ", error.message)};
+    }));
+  } else if (!file.empty() && json::parse(scene->provenance()).contains("lighting")) {
+    const std::string key = light_key(scene->provenance());
+    const auto& [other, others] = shared_->lights.try_emplace(file, name, key).first->second;
+    if (others != key)
+      return fail_without("light_file", ErrorCode::usage, file, ": has the light of state '", other,
+                          "'; {state} in its name gives each its own");
+  }
+  made_.push_back({name, std::move(scene)});
+  return {};
+}
+
+Result<std::vector<NamedScene>> make_label_scenes(SceneDescription d) {
+  if (d.check) SLF_TRY(d.check(d.files()));
+  StateScenes states;
+  const auto groups = SLF_TRY(label_groups(d, &states.shared_->readings));
   for (const LabelGroup& group : groups) {
     d.only_labels = group.ids;
-    auto visible = make_scene(d);
+    auto visible = states.shared_->make(d);
     const char* const choice = visible ? nullptr : visible.error().choice;
     if (choice && std::string_view(choice) == "only_labels" &&
-        (!made.empty() || &group != &groups.back())) {
-      if (notes) notes(group.name + ": no voxel of it is visible, so it is no state", {});
+        (!states.made_.empty() || &group != &groups.back())) {
+      note(d, group.name + ": no voxel of it is visible, so it is no state");
       continue;
     }
     std::shared_ptr<const Scene> scene = SLF_TRY(std::move(visible));
-    if (made.empty()) {
-      SLF_TRY(scene->prepare());
-      d.on_note = {};
-    } else if (const auto light = made[0].scene->light(); !light.empty()) {
-      (void)scene->set_light(light);
-    }
-    made.push_back({group.name, std::move(scene)});
+    states.made_.push_back({group.name, std::move(scene)});
   }
-  return made;
+  return std::move(states.made_);
 }
 
 }  // namespace slf

@@ -15,6 +15,7 @@
 #include "field/scene/light_code.h"
 #include "field/scene/light_volume.h"
 #include "field/scene/provenance.h"
+#include "field/scene/raycaster_space.h"
 #include "field/scene/shared_light.h"
 #include "field/scene/volume_scene.h"
 
@@ -40,7 +41,7 @@ class LightOnDemand {
     missed_.emplace(computer_.blank().size());
     LightGrid light = computer_.blank();
     light.missed = &*missed_;
-    scene_.grid.light_volume = std::move(light);
+    scene_.grid.light_volume = std::make_shared<LightGrid>(std::move(light));
     scene_.grid.table.albedos = medium_.albedos();
     return {};
   }
@@ -56,7 +57,7 @@ class LightOnDemand {
   [[nodiscard]] Result<void> compute_missed(const ProgressCallback& progress) {
     const std::lock_guard lock(mutex_);
     if (!missed_->any()) return {};
-    return computer_.compute(scene_.grid.light_volume, computer_.spread(missed_->take(), 1),
+    return computer_.compute(*scene_.grid.light_volume, computer_.spread(missed_->take(), 1),
                              progress);
   }
 
@@ -71,47 +72,56 @@ class LightOnDemand {
 
 }  // namespace
 
-/// A scene under a light volume begins with a pending light and ends with a complete one, by
-/// adopt(). Under direct light it has neither. Legal are:
+/// A scene with its light volume. It begins with a pending one and ends with a complete one, by
+/// adopt(); under direct light it has neither. Legal are:
 ///
-///   light     | pending_light | on_demand                     | nodes of traced()'s light volume
-///   direct    | none          | null                          | none
-///   pending   | set           | null, or set by the first ray | none, or those that rays needed
-///   complete  | none          | null                          | all
+///            | pending | on_demand                     | light
+///   direct   | none    | null                          | null
+///   pending  | set     | null, or set by the first ray | null
+///   complete | none    | null                          | all nodes
 ///
-/// The light is computed of all of `scene`. If rays see a part of it, or it shares another light,
-/// it is computed as a whole: `on_demand` is null. Once complete, `scene` has no grid beside
-/// `shown`.
-struct Raycaster::State {
-  std::unique_ptr<VolumeScene> scene;
-  std::unique_ptr<VolumeScene> shown;  // what of it rays see; null: all
-  std::optional<ToneMapper> tone;      // none: samples are not mapped
-  std::optional<LightVolumeOptions> pending_light;
-  std::mutex preparing{};  // guards pending_light, and adopt()
-  std::unique_ptr<LightOnDemand> on_demand{};
-  std::shared_ptr<const Raycaster> light_from{};  // whose light this scene shares; or null
+/// Light is computed of all of `scene`. If rays see a part of that, or it shares another light, it
+/// is computed as a whole: `on_demand` is null.
+struct LitScene {
+  std::shared_ptr<VolumeScene> scene;
+  std::optional<LightVolumeOptions> pending;   // until the light volume is computed
+  bool hidden;                                 // rays see parts of it alone: it serves the light
+  std::mutex preparing{};                      // guards all, and shown->grid of scenes
+  std::shared_ptr<LightGrid> light{};          // null: none, or pending
+  std::unique_ptr<LightOnDemand> on_demand{};  // while pending, once rays need light
+  std::shared_ptr<const Raycaster> from{};     // whose light this one shares; or null
 
-  void adopt(LightGrid light, const Medium& medium) {
-    assert(pending_light && !(on_demand && (shown || light_from)));
-    traced().light_volume = std::move(light);
-    traced().table.albedos = shown ? Medium(shown->grid).albedos() : medium.albedos();
-    if (shown) scene->grid = {};  // served the light alone
-    pending_light.reset();
+  void adopt(LightGrid made, const Medium& medium) {
+    assert(pending && !(on_demand && (hidden || from)));
+    light = std::make_shared<LightGrid>(std::move(made));
+    if (!hidden) {
+      scene->grid.light_volume = light;
+      scene->grid.table.albedos = medium.albedos();
+    } else if (scene.use_count() == 1) {
+      scene->grid = {};
+    }
+    pending.reset();
     on_demand.reset();
   }
+};
 
-  [[nodiscard]] RayGrid& traced() const { return shown ? shown->grid : scene->grid; }
+struct Raycaster::State {
+  std::shared_ptr<LitScene> lit;
+  std::unique_ptr<VolumeScene> shown;  // what of it rays see; null: all
+  std::optional<ToneMapper> tone;      // none: samples are not mapped
+
+  [[nodiscard]] const VolumeScene& seen() const { return shown ? *shown : *lit->scene; }
 
   /// Null: the light volume is complete, or there is none.
   [[nodiscard]] Result<LightOnDemand*> light_on_demand() {
-    if (!pending_light) return nullptr;
-    assert(!shown && !light_from);
-    const std::lock_guard lock(preparing);
-    if (on_demand) return on_demand.get();
-    auto made = std::make_unique<LightOnDemand>(*scene, pending_light->threads);
+    if (!lit->pending) return nullptr;
+    assert(!shown && !lit->from);
+    const std::lock_guard lock(lit->preparing);
+    if (lit->on_demand) return lit->on_demand.get();
+    auto made = std::make_unique<LightOnDemand>(*lit->scene, lit->pending->threads);
     SLF_TRY(made->prepare());
-    on_demand = std::move(made);
-    return on_demand.get();
+    lit->on_demand = std::move(made);
+    return lit->on_demand.get();
   }
 };
 
@@ -168,92 +178,107 @@ Result<std::unique_ptr<Raycaster>> Raycaster::make(Volume volume, const Transfer
   if (lit && !light_volume.file.empty()) SLF_TRY(check_light_file(light_volume.file));
   std::unique_ptr<VolumeScene> shown;
   RaycastOptions all = options;
+  std::shared_ptr<LitScene> own;
+  std::shared_ptr<LitScene>* scene = &own;
   if (!options.parts.only.empty()) {
     volume.share();
     shown = SLF_TRY(make_volume_scene(volume, transfer, options));
     all.parts.only.clear();
+    if (options.shared)
+      scene = &options.shared->lit[describe(volume, transfer, all) + light_volume.file];
   }
-  auto scene = SLF_TRY(make_volume_scene(std::move(volume), transfer, all));
+  if (!*scene) {
+    auto made = SLF_TRY(make_volume_scene(std::move(volume), transfer, all));
+    *scene = std::shared_ptr<LitScene>(new LitScene{
+        std::move(made), lit ? std::optional(light_volume) : std::nullopt, shown != nullptr});
+    if (!lit && shown) (*scene)->scene->grid = {};
+  }
   auto caster = std::unique_ptr<Raycaster>(new Raycaster(std::unique_ptr<State>(
-      new State{std::move(scene), std::move(shown),
-                lit && !lighting.linear ? std::optional<ToneMapper>(lighting.tone) : std::nullopt,
-                lit ? std::optional(light_volume) : std::nullopt})));
-  if (!lit && caster->state_->shown) caster->state_->scene->grid = {};
+      new State{*scene, std::move(shown),
+                lit && !lighting.linear ? std::optional<ToneMapper>(lighting.tone)
+                                        : std::nullopt})));
   if (!light_volume.deferred) SLF_TRY(caster->prepare());
   return caster;
 }
 
 Result<void> Raycaster::prepare() const {
-  const std::lock_guard lock(state_->preparing);
-  if (!state_->pending_light) return {};
-  const VolumeScene& scene = *state_->scene;
-  const LightVolumeOptions& options = *state_->pending_light;
-  const Medium medium(scene.grid);
-  const Raycaster* from = state_->light_from.get();
-  if (from) SLF_TRY(from->prepare());
-  auto light =
-      SLF_TRY(from ? shared_light(from->state_->traced().light_volume, *from->state_->scene, scene,
-                                  medium, options.threads, options.progress)
-                   : light_of(scene, medium, options));
-  state_->adopt(std::move(light), medium);
+  LitScene& lit = *state_->lit;
+  const std::lock_guard lock(lit.preparing);
+  if (lit.pending) {
+    const LightVolumeOptions& options = *lit.pending;
+    const Medium medium(lit.scene->grid);
+    if (lit.from) SLF_TRY(lit.from->prepare());
+    auto light = SLF_TRY(lit.from ? shared_light(*lit.from->state_->lit->light,
+                                                 *lit.from->state_->lit->scene, *lit.scene, medium,
+                                                 options.threads, options.progress)
+                                  : light_of(*lit.scene, medium, options));
+    lit.adopt(std::move(light), medium);
+  }
+  if (VolumeScene* shown = state_->shown.get(); shown && shown->grid.light_volume != lit.light) {
+    shown->grid.table.albedos = Medium(shown->grid).albedos();
+    shown->grid.light_volume = lit.light;
+  }
   return {};
 }
 
 Result<void> Raycaster::share_light(std::shared_ptr<const Scene> from) const {
-  const std::lock_guard lock(state_->preparing);
+  const std::shared_ptr<LitScene> lit = state_->lit;
+  const std::lock_guard lock(lit->preparing);
   auto source = std::dynamic_pointer_cast<const Raycaster>(std::move(from));
-  const auto lit = [](const Raycaster& of) {
-    return of.state_->pending_light || !of.state_->traced().light_volume.nodes.empty();
-  };
-  if (!state_->pending_light || !source || !lit(*source)) return Scene::share_light(source);
-  if (source->state_->light_from)
+  if (!lit->pending || !source || !(source->state_->lit->pending || source->state_->lit->light))
+    return Scene::share_light(source);
+  if (source->state_->lit->from)
     return fail(ErrorCode::usage, "the other scene has the light of a third: name that one");
   if (source->state_->shown)
     return fail(ErrorCode::usage, "the other scene shows just some labels");
-  SLF_TRY(check_shared_light(*state_->scene, *source->state_->scene));
-  std::string& provenance = (state_->shown ? state_->shown : state_->scene)->provenance;
+  SLF_TRY(check_shared_light(*lit->scene, *source->state_->lit->scene));
+  VolumeScene* const shown = state_->shown.get();
+  std::string& provenance = (shown ? shown : lit->scene.get())->provenance;
   provenance = with_light_of(provenance, source->provenance());
-  state_->light_from = std::move(source);
+  // Scenes of other labels keep their light.
+  if (shown) state_->lit.reset(new LitScene{lit->scene, lit->pending, true});
+  state_->lit->from = std::move(source);
   return {};
 }
 
 std::vector<std::byte> Raycaster::light() const {
-  if (state_->light_from) return state_->light_from->light();
-  const VolumeScene& scene = *state_->scene;
-  const LightGrid& light = state_->traced().light_volume;
-  if (state_->pending_light || light.nodes.empty()) return {};
-  return encode_light(light_key(scene.provenance), light);
+  const LitScene& lit = *state_->lit;
+  if (lit.from) return lit.from->light();
+  if (!lit.light) return {};
+  return encode_light(light_key(lit.scene->provenance), *lit.light);
 }
 
 Result<void> Raycaster::prepare_for(std::span<const Segment> rays) const {
-  if (state_->pending_light &&
-      (state_->shown || state_->light_from || !state_->pending_light->file.empty()))
-    return prepare();
+  const auto& pending = state_->lit->pending;
+  if (pending && (state_->shown || state_->lit->from || !pending->file.empty())) return prepare();
   LightOnDemand* light = SLF_TRY(state_->light_on_demand());
   if (light == nullptr) return {};
   constexpr std::size_t kRays = 256;
-  const LightVolumeOptions& options = *state_->pending_light;
-  SLF_TRY(parallel_for((rays.size() + kRays - 1) / kRays, options.threads, [&](std::uint64_t k) {
+  SLF_TRY(parallel_for((rays.size() + kRays - 1) / kRays, pending->threads, [&](std::uint64_t k) {
     std::array<RaySample, kRays> samples;
     RayCounts counts;
     const auto some = rays.subspan(k * kRays, std::min(kRays, rays.size() - k * kRays));
     light->trace(some, std::span(samples).first(some.size()), counts);
   }));
-  return light->compute_missed(options.progress);
+  return light->compute_missed(pending->progress);
 }
 
 bool Raycaster::set_light(std::span<const std::byte> light) const {
-  const std::lock_guard lock(state_->preparing);
-  if (state_->light_from) return state_->light_from->set_light(light);
-  if (!state_->pending_light) return false;
-  const VolumeScene& scene = *state_->scene;
-  auto decoded = decode_light(light, light_key(scene.provenance), plan_of(scene));
+  LitScene& lit = *state_->lit;
+  const std::lock_guard lock(lit.preparing);
+  if (lit.from) return lit.from->set_light(light);
+  if (!lit.pending) return false;
+  auto decoded = decode_light(light, light_key(lit.scene->provenance), plan_of(*lit.scene));
   if (!decoded) return false;
-  state_->adopt(std::move(*decoded), Medium(scene.grid));
+  lit.adopt(std::move(*decoded), Medium(lit.scene->grid));
   return true;
 }
 
-Sphere Raycaster::bounds() const { return state_->scene->bounds; }
+Sphere Raycaster::bounds() const { return state_->lit->scene->bounds; }
+
+double Raycaster::reach(const glm::dvec3& from) const {
+  return farthest_visible(state_->lit->scene->volume, state_->seen().grid, from);
+}
 
 RaySample Raycaster::trace(const glm::dvec3& from, const glm::dvec3& to) const {
   const Segment ray{from, to};
@@ -269,12 +294,12 @@ void Raycaster::trace_many(std::span<const Segment> rays, std::span<RaySample> o
 RayCounts Raycaster::trace_counted(std::span<const Segment> rays, std::span<RaySample> out) const {
   assert(rays.size() == out.size());
   RayCounts counts;
-  if (state_->shown || state_->light_from)
+  if (state_->shown || state_->lit->from)
     if (auto ok = prepare(); !ok) throw std::runtime_error(ok.error().message);
   const auto light = state_->light_on_demand();
   Result<void> ok = light ? Result<void>{} : tl::unexpected(light.error());
   if (ok && *light == nullptr)
-    counts = trace_rays(state_->traced(), rays, out);
+    counts = trace_rays(state_->seen().grid, rays, out);
   else
     while (ok && !(*light)->trace(rays, out, counts)) ok = (*light)->compute_missed({});
   if (!ok) throw std::runtime_error(ok.error().message);
@@ -283,9 +308,7 @@ RayCounts Raycaster::trace_counted(std::span<const Segment> rays, std::span<RayS
   return counts;
 }
 
-std::string Raycaster::provenance() const {
-  return (state_->shown ? state_->shown : state_->scene)->provenance;
-}
-std::vector<std::string> Raycaster::files() const { return state_->scene->volume.files; }
+std::string Raycaster::provenance() const { return state_->seen().provenance; }
+std::vector<std::string> Raycaster::files() const { return state_->lit->scene->volume.files; }
 
 }  // namespace slf

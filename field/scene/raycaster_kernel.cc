@@ -365,7 +365,7 @@ HWY_INLINE void load_rows(const RayGrid& grid, Samples<S>& samples) {
 template <class S>
 HWY_INLINE void composite(const RayGrid& grid, const Samples<S>& samples, RayBatch& batch,
                           std::span<RaySample> out, RayCounts& counts) {
-  const bool lit = !grid.light_volume.nodes.empty();
+  const bool lit = grid.light_volume != nullptr;
   for (std::size_t s = 0; s < samples.size; ++s) {
     const auto i = static_cast<std::size_t>(samples.ray[s]);
     const float left = 1 - batch.alpha[i];
@@ -395,7 +395,7 @@ RayCounts trace_typed(const RayGrid& grid, std::span<const Segment> rays,
   RayBatch batch{};
   Samples<S> samples;
   std::fill(out.begin(), out.end(), RaySample{});
-  const bool lit = !grid.light_volume.nodes.empty();
+  const bool lit = grid.light_volume != nullptr;
 
   RayCounts counts;
   std::size_t next = 0;

@@ -5,6 +5,7 @@
 #include <array>
 #include <cstdint>
 #include <glm/glm.hpp>
+#include <memory>
 #include <span>
 #include <vector>
 
@@ -39,6 +40,8 @@ struct GridPlane {
   }
 };
 
+struct PartRows;  // volume_parts.h
+
 /// The inputs of the loop. Positions are in voxel indices.
 struct RayGrid {
   const std::byte* voxels = nullptr;
@@ -67,7 +70,8 @@ struct RayGrid {
   TransferTable table;
   /// For volumes with structures: the row of the table that each voxel uses, and whether each row
   /// has any opacity. A sample uses the row of the nearest voxel.
-  std::vector<std::uint8_t> rows;
+  std::span<const std::uint8_t> rows;
+  std::shared_ptr<const PartRows> parts;  ///< owns `rows`
   std::vector<std::uint8_t> visible_rows;
   /// Per brick: Chebyshev distance, in bricks, to the nearest visible brick (0: this one is
   /// visible).
@@ -82,7 +86,7 @@ struct RayGrid {
   Projection projection = Projection::none;
 
   /// If there is a light volume, it alone lights the samples.
-  LightGrid light_volume;
+  std::shared_ptr<LightGrid> light_volume;
   bool shade = true;
   glm::vec4 light{0};  ///< unit, towards the light; padded
   float ambient = 0.3f;

@@ -164,7 +164,7 @@ HWY_INLINE Incidence incidence(const RayGrid& grid, const GridLight& light, cons
 /// the matter; normals and surfaces are found for each piece, since they change within a voxel.
 template <class S>
 HWY_INLINE void find_light(const RayGrid& grid, Samples<S>& samples) {
-  const LightGrid& light = grid.light_volume;
+  const LightGrid& light = *grid.light_volume;
   const Floats zero = floats(0), one = floats(1.f);
   const Ints last = ints(static_cast<std::int32_t>(grid.table.albedos.size()) - 1);
   for (std::size_t i = 0; i < samples.size; i += kLanes) {

@@ -223,27 +223,35 @@ std::vector<CellRun> find_runs(const RayGrid& grid) {
   return runs;
 }
 
-/// Sets the visible box. Returns the sphere around its centre up to the farthest visible cell.
-Sphere find_bounds(const std::vector<CellRun>& runs, const Volume& volume, RayGrid& grid) {
+void find_visible_box(const std::vector<CellRun>& runs, RayGrid& grid) {
   grid.visible_low = runs.front().first;
   grid.visible_high = runs.front().last;
   for (const CellRun& run : runs) {
     grid.visible_low = glm::min(grid.visible_low, glm::dvec3(run.first));
     grid.visible_high = glm::max(grid.visible_high, glm::dvec3(run.last + 1));
   }
-  const auto world = [&](const glm::dvec3& index) { return volume.origin + volume.axes * index; };
-  Sphere sphere{world((grid.visible_low + grid.visible_high) / 2.0), 0};
+}
+
+glm::dvec3 world(const Volume& volume, const glm::dvec3& index) {
+  return volume.origin + volume.axes * index;
+}
+
+double farthest(const std::vector<CellRun>& runs, const Volume& volume, const glm::dvec3& from) {
+  double distance = 0;
   for (const CellRun& run : runs)
     for (int corner = 0; corner < 8; ++corner) {
       const glm::dvec3 at((corner & 1) ? run.last.x + 1 : run.first.x,
                           run.first.y + (corner >> 1 & 1), run.first.z + (corner >> 2));
-      sphere.radius = std::max(sphere.radius, glm::distance(sphere.center, world(at)));
+      distance = std::max(distance, glm::distance(from, world(volume, at)));
     }
-  sphere.radius *= 1.001;
-  return sphere;
+  return distance;
 }
 
 }  // namespace
+
+double farthest_visible(const Volume& volume, const RayGrid& grid, const glm::dvec3& from) {
+  return farthest(find_runs(grid), volume, from);
+}
 
 std::optional<Sphere> find_visible_space(const Volume& volume, RayGrid& grid) {
   for (std::size_t axis = 0; axis < 3; ++axis)
@@ -256,7 +264,9 @@ std::optional<Sphere> find_visible_space(const Volume& volume, RayGrid& grid) {
   });
   if (runs.empty()) return std::nullopt;
   spread_distance(grid.distance, grid.bricks);
-  return find_bounds(runs, volume, grid);
+  find_visible_box(runs, grid);
+  const glm::dvec3 center = world(volume, (grid.visible_low + grid.visible_high) / 2.0);
+  return Sphere{center, 1.001 * farthest(runs, volume, center)};
 }
 
 }  // namespace slf

@@ -12,4 +12,8 @@ namespace slf {
 /// and the table.
 [[nodiscard]] std::optional<Sphere> find_visible_space(const Volume& volume, RayGrid& grid);
 
+/// How far from a world point the farthest visible cell reaches.
+[[nodiscard]] double farthest_visible(const Volume& volume, const RayGrid& grid,
+                                      const glm::dvec3& from);
+
 }  // namespace slf

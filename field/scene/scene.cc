@@ -9,6 +9,11 @@ void Scene::trace_many(std::span<const Segment> rays, std::span<RaySample> out) 
   for (std::size_t k = 0; k < rays.size(); ++k) out[k] = trace(rays[k].from, rays[k].to);
 }
 
+double Scene::reach(const glm::dvec3& from) const {
+  const Sphere all = bounds();
+  return glm::distance(from, all.center) + all.radius;
+}
+
 Result<void> Scene::share_light(std::shared_ptr<const Scene> /*from*/) const {
   return fail(ErrorCode::usage, "only volumes under shadowed or global light share it");
 }

@@ -9,6 +9,7 @@
 #include "base/join.h"
 #include "base/try.h"
 #include "field/look/transfer_color.h"
+#include "field/scene/volume_scene.h"
 #include "field/volume/voxels.h"
 
 namespace slf {
@@ -93,6 +94,43 @@ void add_row(TransferTable& table, const std::optional<glm::dvec3>& color, doubl
   }
 }
 
+/// `zero_is_part`: whether the id 0 has a row of its own.
+Result<std::shared_ptr<const PartRows>> find_rows(const VolumeParts& parts, const Volume& volume,
+                                                  bool zero_is_part) {
+  PartRows found;
+  found.rows.assign(volume.voxel_count(), 0);
+  if (const Volume* labels = parts.labels.get()) {
+    std::unordered_map<double, std::uint8_t> row_of;
+    if (!zero_is_part) row_of[0] = 0;
+    bool fits = true;
+    SLF_TRY(visit_voxels(*labels, [&](auto ids) {
+      return visit_nearest("a label volume", *labels, volume, [&](auto voxel, auto at) {
+        const double id =
+            at ? labels->slope * static_cast<double>(ids[*at]) + labels->intercept : 0.0;
+        const auto [row, added] =
+            row_of.try_emplace(id, static_cast<std::uint8_t>(found.ids.size() + 1));
+        fits = !added || found.ids.size() + 2 < kMaxRows;
+        if (added) found.ids.push_back(id);
+        found.rows[voxel] = row->second;
+        return fits;
+      });
+    }));
+    if (!fits) return unsupported(labels->source, "more than ", kMaxRows - 2, " different labels");
+  }
+  if (const Volume* mask = parts.mask.get()) {
+    const auto hidden = static_cast<std::uint8_t>(found.ids.size() + 1);
+    SLF_TRY(visit_voxels(*mask, [&](auto inside) {
+      return visit_nearest("a mask", *mask, volume, [&](auto voxel, auto at) {
+        const double value =
+            at ? mask->slope * static_cast<double>(inside[*at]) + mask->intercept : 0.0;
+        if (!(value != 0)) found.rows[voxel] = hidden;
+        return true;
+      });
+    }));
+  }
+  return std::make_shared<const PartRows>(std::move(found));
+}
+
 }  // namespace
 
 bool same_grid(const Volume& a, const Volume& b) {
@@ -110,53 +148,30 @@ bool same_grid(const Volume& a, const Volume& b) {
   return true;
 }
 
-Result<void> add_parts(const VolumeParts& parts, const Volume& volume, RayGrid& grid) {
-  grid.rows.assign(volume.voxel_count(), 0);
+Result<void> add_parts(const VolumeParts& parts, const Volume& volume, const std::string& content,
+                       SharedScenes* shared, RayGrid& grid) {
+  const bool hidden_rest = !parts.only.empty() && !parts.only.contains(0);
+  const bool zero_is_part = hidden_rest || parts.styles.contains(0);
+  std::shared_ptr<const PartRows> own;
+  auto& found = shared ? shared->rows[concat(content, zero_is_part)] : own;
+  if (!found) found = SLF_TRY(find_rows(parts, volume, zero_is_part));
+  grid.parts = found;
+  grid.rows = found->rows;
   grid.visible_rows = {1};
   const auto add = [&](const std::optional<glm::dvec3>& color, double factor) {
     add_row(grid.table, color, factor);
     grid.visible_rows.push_back(factor > 0);
-    return static_cast<std::uint8_t>(grid.visible_rows.size() - 1);
   };
-  if (const Volume* labels = parts.labels.get()) {
-    std::unordered_map<double, std::uint8_t> row_of;
-    // The row of an id, or nothing if there are too many.
-    const auto row_of_id = [&](double id) -> std::optional<std::uint8_t> {
-      if (const auto found = row_of.find(id); found != row_of.end()) return found->second;
-      if (grid.visible_rows.size() + 1 >= kMaxRows) return std::nullopt;
-      const auto style = parts.styles.find(static_cast<std::int64_t>(std::llround(id)));
-      std::uint8_t row = 0;
-      if (!parts.only.empty() && !parts.only.contains(std::llround(id)))
-        row = add(std::nullopt, 0);
-      else if (style != parts.styles.end())
-        row = add(style->second.color, style->second.opacity);
-      else if (id != 0)
-        row = add(transfer_color::of_label(id), 1);
-      return row_of.emplace(id, row).first->second;
-    };
-    bool fits = true;
-    SLF_TRY(visit_voxels(*labels, [&](auto ids) {
-      return visit_nearest("a label volume", *labels, volume, [&](auto voxel, auto found) {
-        const auto row = row_of_id(
-            found ? labels->slope * static_cast<double>(ids[*found]) + labels->intercept : 0.0);
-        fits = row.has_value();
-        if (row) grid.rows[voxel] = *row;
-        return fits;
-      });
-    }));
-    if (!fits) return unsupported(labels->source, "more than ", kMaxRows - 2, " different labels");
+  for (const double id : found->ids) {
+    const auto style = parts.styles.find(static_cast<std::int64_t>(std::llround(id)));
+    if (!parts.only.empty() && !parts.only.contains(std::llround(id)))
+      add(std::nullopt, 0);
+    else if (style != parts.styles.end())
+      add(style->second.color, style->second.opacity);
+    else
+      add(transfer_color::of_label(id), 1);
   }
-  if (const Volume* mask = parts.mask.get()) {
-    const std::uint8_t hidden = add(std::nullopt, 0);
-    return visit_voxels(*mask, [&](auto inside) {
-      return visit_nearest("a mask", *mask, volume, [&](auto voxel, auto found) {
-        const double value =
-            found ? mask->slope * static_cast<double>(inside[*found]) + mask->intercept : 0.0;
-        if (!(value != 0)) grid.rows[voxel] = hidden;
-        return true;
-      });
-    });
-  }
+  if (parts.mask) add(std::nullopt, 0);
   return {};
 }
 

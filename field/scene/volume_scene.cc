@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <nlohmann/json.hpp>
+#include <numeric>
 #include <optional>
 #include <unordered_map>
 
@@ -11,7 +13,6 @@
 #include "field/scene/provenance.h"
 #include "field/scene/raycaster_space.h"
 #include "field/scene/raycaster_table.h"
-#include "field/scene/volume_parts.h"
 #include "field/volume/voxels.h"
 
 namespace slf {
@@ -99,6 +100,27 @@ float contrast_of(const TransferFunction& transfer, const Volume& volume,
   return rise > 1e-30 ? static_cast<float>(std::min(8 * rise, double{whole})) : whole;
 }
 
+/// Converts the voxels, and makes them `borrowed`.
+Result<RayVoxels> ray_voxels(Volume& volume) {
+  RayVoxels made;
+  if (!volume.labels) {
+    if (bytes_per_voxel(volume.type) > 2 && volume.type != ScalarType::f32)
+      convert_to_float(volume);
+    made.range = stored_range(volume);
+    made.finite = has_finite_value(volume);
+    replace_nonfinite(volume, made.range[0]);
+  } else if (volume.type == ScalarType::u8 || volume.type == ScalarType::u16) {
+    made.labels.resize(volume.type == ScalarType::u8 ? 256 : 65536);
+    std::iota(made.labels.begin(), made.labels.end(), 0);
+  } else {
+    made.labels = SLF_TRY(renumber_labels(volume));
+  }
+  volume.share();
+  made.bytes = volume.borrowed;
+  made.type = volume.type;
+  return made;
+}
+
 Result<void> check_options(const RaycastOptions& options) {
   if (!(options.step > 0.01 && options.step <= 100))
     return fail(ErrorCode::usage, "step ", options.step, ": expected 0.01 to 100 voxels");
@@ -118,6 +140,8 @@ Result<void> check_options(const RaycastOptions& options) {
 }
 
 }  // namespace
+
+std::shared_ptr<SharedScenes> share_scenes() { return std::make_shared<SharedScenes>(); }
 
 Result<std::unique_ptr<VolumeScene>> make_volume_scene(Volume volume,
                                                        const TransferFunction& transfer,
@@ -139,27 +163,24 @@ Result<std::unique_ptr<VolumeScene>> make_volume_scene(Volume volume,
     return misuse(v.source, "a projection needs amounts, but this volume holds labels");
   grid.projection = options.projection;
   grid.labels = v.labels;
+  const auto told = nlohmann::json::parse(scene->provenance);
+  const auto content = told["content"].get<std::string>();
+  RayVoxels own;
+  RayVoxels& voxels = options.shared ? options.shared->voxels[content] : own;
+  if (!voxels.bytes) voxels = SLF_TRY(ray_voxels(v));
+  v.voxels.clear();
+  v.borrowed = voxels.bytes;
+  v.type = voxels.type;
   float contrast = 1;
-  bool finite = true;  // at least one value
   if (v.labels) {
-    std::vector<double> labels;
-    if (v.type == ScalarType::u8 || v.type == ScalarType::u16) {
-      for (int id = 0; id < (v.type == ScalarType::u8 ? 256 : 65536); ++id) labels.push_back(id);
-    } else {
-      labels = SLF_TRY(renumber_labels(v));
-    }
-    grid.table = make_label_table(transfer, v, labels);
     const auto& only = options.parts.only;
-    for (std::size_t k = 0; k < labels.size() && !only.empty(); ++k)
-      if (!only.contains(std::llround(v.slope * labels[k] + v.intercept)))
+    grid.table = make_label_table(transfer, v, voxels.labels);
+    for (std::size_t k = 0; k < voxels.labels.size() && !only.empty(); ++k)
+      if (!only.contains(std::llround(v.slope * voxels.labels[k] + v.intercept)))
         grid.table.extinctions[k] = 0;
   } else {
-    if (bytes_per_voxel(v.type) > 2 && v.type != ScalarType::f32) convert_to_float(v);
-    const auto range = stored_range(v);
-    finite = has_finite_value(v);
-    replace_nonfinite(v, range[0]);
-    grid.table = make_table(transfer, v, range);
-    contrast = contrast_of(transfer, v, range);
+    grid.table = make_table(transfer, v, voxels.range);
+    contrast = contrast_of(transfer, v, voxels.range);
   }
 
   if (!options.parts.only.empty() && !v.labels && !options.parts.labels)
@@ -168,7 +189,10 @@ Result<std::unique_ptr<VolumeScene>> make_volume_scene(Volume volume,
     if (v.labels)
       return misuse(v.source,
                     "structures are parts of a volume of amounts, but this one holds labels");
-    SLF_TRY(add_parts(options.parts, v, grid));
+    const auto& said = told["structures"];
+    SLF_TRY(add_parts(options.parts, v,
+                      content + said.value("labels", " ") + said.value("mask", " "),
+                      options.shared.get(), grid));
     for (const auto& part : {options.parts.labels, options.parts.mask})
       if (part) v.files.insert(v.files.end(), part->files.begin(), part->files.end());
   }
@@ -212,7 +236,7 @@ Result<std::unique_ptr<VolumeScene>> make_volume_scene(Volume volume,
   grid.ambient = options.ambient;
 
   const std::optional<Sphere> bounds = find_visible_space(v, grid);
-  if (!bounds && !finite)
+  if (!bounds && !voxels.finite)
     return bad_file(v.source,
                     "all values are NaN or infinite: nothing is visible under any transfer "
                     "function; write the volume again");

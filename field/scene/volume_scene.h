@@ -2,13 +2,34 @@
 // field/scene.
 #pragma once
 
+#include <map>
 #include <memory>
 #include <string>
+#include <vector>
 
 #include "field/scene/raycaster_kernel.h"
+#include "field/scene/volume_parts.h"
 #include "slf/raycaster.h"
 
 namespace slf {
+
+/// Voxels in a type of RayGrid, and what is known of them.
+struct RayVoxels {
+  std::shared_ptr<const std::byte> bytes{};
+  ScalarType type = ScalarType::u8;
+  std::vector<double> labels{};  ///< of a volume of labels: the id that each number stands for
+  std::array<float, 2> range{};  ///< of amounts: the least and greatest finite one, as stored
+  bool finite = true;            ///< whether there is one
+};
+
+struct LitScene;
+
+/// RaycastOptions::shared. The keys tell all apart that the values depend on.
+struct SharedScenes {
+  std::map<std::string, RayVoxels> voxels{};
+  std::map<std::string, std::shared_ptr<const PartRows>> rows{};
+  std::map<std::string, std::shared_ptr<LitScene>> lit{};  ///< of which scenes show some labels
+};
 
 /// The data that ray-caster and path tracer share. The grid points into the volume.
 struct VolumeScene {

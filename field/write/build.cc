@@ -25,6 +25,7 @@
 #include "field/write/same_tiles.h"
 #include "field/write/shard_plan.h"
 #include "field/write/tile_tracer.h"
+#include "slf/merge.h"
 
 namespace slf {
 namespace {
@@ -316,11 +317,10 @@ Result<OwnedJson> provenance_of(const Scene& scene) {
 
 /// The manifest of a new field. usage: a setting, or a scene's bounds or provenance, is invalid.
 Result<Manifest> plan(std::span<const FieldState> states, const BuildOptions& options) {
-  const Scene& scene = *states[0].scene;
   Manifest manifest;
   manifest.shape = options.shape;
   const bool scene_bounds = manifest.shape.sphere.radius == 0;
-  if (scene_bounds) manifest.shape.sphere = scene.bounds();
+  if (scene_bounds) manifest.shape.sphere = bounds_of(states);
   const auto& [center, radius] = manifest.shape.sphere;
   if (auto ok = manifest.shape.check(); !ok)
     return fail(ok.error().code, scene_bounds ? "around the scene's bounds: " : "",
@@ -430,6 +430,22 @@ Result<BuildReport> build(const TileSource& source, Manifest manifest, const std
 
 }  // namespace
 
+Sphere bounds_of(std::span<const FieldState> states) {
+  Sphere all = states[0].scene->bounds();
+  for (const FieldState& state : states.subspan(1)) {
+    if (state.scene->reach(all.center) <= all.radius) continue;
+    const auto [center, radius] = state.scene->bounds();
+    const double apart = glm::distance(all.center, center);
+    if (apart + all.radius <= radius) {
+      all = {center, radius};
+    } else if (apart + radius > all.radius) {  // the sphere around both
+      const double reach = (apart + all.radius + radius) / 2;
+      all = {all.center + (reach - all.radius) / apart * (center - all.center), reach};
+    }
+  }
+  return all;
+}
+
 Result<BuildReport> build_field(const Scene& scene, const std::string& path,
                                 const BuildOptions& options, const ProgressCallback& progress) {
   const FieldState state{"", &scene};
@@ -465,6 +481,17 @@ OwnedJson rays_of(const FieldFile& field) {
   return manifest.to_json();
 }
 
+/// Whether these are all states of one complete local field, which has this manifest.
+bool is_whole(std::span<const StateSource> states, const Manifest& manifest) {
+  const auto whole = FieldFile::whole(states[0].field.path());
+  if (!whole || (*whole)->manifest().to_json() != manifest.to_json()) return false;
+  for (unsigned k = 0; k < states.size(); ++k)
+    if (states[k].field.path() != states[0].field.path() || states[k].field.file().state() != k)
+      return false;
+  const auto content = (*whole)->content();
+  return content && content->complete;
+}
+
 Result<RepackReport> join(std::span<const StateSource> states, const std::string& path,
                           const RepackOptions& options, const ProgressCallback& progress) {
   if (states.empty()) return misuse(path, "no state to copy");
@@ -491,6 +518,11 @@ Result<RepackReport> join(std::span<const StateSource> states, const std::string
   manifest.format = planned.format;
   manifest.codec = planned.codec->spec();
   manifest.set_states(provenances);
+  if (options.light && is_whole(states, manifest)) {
+    const auto merged = SLF_TRY(merge_fields(
+        {first.path()}, path, {options.memory, options.threads, false, options.replace}, progress));
+    return RepackReport{merged.tiles, merged.tiles, 0, 0, merged.payload_bytes, merged.file_bytes};
+  }
   source.read = [&](TileKey key, TracedTile& tile) -> Result<void> {
     TileCache& cache = *caches[state_of(key)];
     const TileKey own = in_state(key, 0);

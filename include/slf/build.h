@@ -35,7 +35,7 @@ struct ShardOptions {
 };
 
 struct BuildOptions {
-  FieldShape shape;  ///< a sphere of radius 0: the scene's own bounds
+  FieldShape shape;  ///< a sphere of radius 0: bounds_of() the states
   std::string codec = "predictive:90";
   bool depth = true;          ///< depths beside the colours; predictive codecs need them
   bool half = false;          ///< colour as half floats, which jpeg cannot hold
@@ -55,6 +55,10 @@ struct FieldState {
   std::string name;
   const Scene* scene = nullptr;  ///< not null
 };
+
+/// A sphere around all that is visible in any state: the bounds of the first state if these hold
+/// the others. REQUIRES: a state.
+[[nodiscard]] Sphere bounds_of(std::span<const FieldState> states);
 
 /// Builds, or resumes, the field at `path`. Progress counts rays, approximately.
 ///
@@ -82,9 +86,9 @@ struct FieldState {
                                               const BuildOptions& options,
                                               const ProgressCallback& progress = {});
 
-/// The same with several states on one sphere, by default that around the first. Tiles whose
-/// samples equal those of the same tile of an earlier state are stored once. Keeps 16 bytes in
-/// memory of each tile that is to be built. usage: no state, a state without a name, two with one.
+/// The same with several states on one sphere. Tiles whose samples equal those of the same tile of an
+/// earlier state are stored once. Keeps 16 bytes in memory of each tile that is to be built. usage:
+/// no state, a state without a name, two with one.
 [[nodiscard]] Result<BuildReport> build_field(std::span<const FieldState> states,
                                               const std::string& path, const BuildOptions& options,
                                               const ProgressCallback& progress = {});

@@ -43,6 +43,12 @@ struct ClipPlane {
   glm::dvec3 normal{0, 0, 1.0};  ///< world, of any length but 0
 };
 
+/// What scenes share that are made with the same one: voxels in memory, the parts of a volume, and
+/// the light of scenes that differ only by the labels that they show. Thread-safety: none; it may
+/// end before the scenes. No scene changes by it.
+struct SharedScenes;
+[[nodiscard]] std::shared_ptr<SharedScenes> share_scenes();
+
 struct RaycastOptions {
   /// The longest part of a ray that is one sample, in smallest voxel spacings, 0.01 to 100. A
   /// sample is never longer than a cell, so that a smaller step only refines what is converged.
@@ -56,8 +62,9 @@ struct RaycastOptions {
   float ambient = 0.3f;  ///< share of a colour that needs no light; the rest is Lambert's
   /// Unless its mode is Lighting::direct, it replaces `shade`, `light` and `ambient`.
   LightOptions lighting{};
-  VolumeParts parts{};            ///< parts of the volume in colours of their own
-  std::vector<ClipPlane> clip{};  ///< each removes what lies beyond it
+  VolumeParts parts{};                     ///< parts of the volume in colours of their own
+  std::vector<ClipPlane> clip{};           ///< each removes what lies beyond it
+  std::shared_ptr<SharedScenes> shared{};  ///< null: nothing is shared
 };
 
 /// Options of computing a light volume. None of them changes its content.
@@ -110,6 +117,7 @@ class Raycaster final : public Scene {
   /// that this scene does.
   [[nodiscard]] Result<void> share_light(std::shared_ptr<const Scene> from) const override;
   [[nodiscard]] Sphere bounds() const override;
+  [[nodiscard]] double reach(const glm::dvec3& from) const override;
   [[nodiscard]] RaySample trace(const glm::dvec3& from, const glm::dvec3& to) const override;
   void trace_many(std::span<const Segment> rays, std::span<RaySample> out) const override;
   [[nodiscard]] std::string provenance() const override;

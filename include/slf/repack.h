@@ -72,10 +72,10 @@ struct StateSource {
                                                              std::span<const std::string> chosen);
 
 /// Writes a field of some states, of one or several fields with one sphere, lattice and format. One
-/// state: repack_field().
-/// Tiles whose decoded samples are equal are stored once. All are encoded again, as by
-/// repack_field(), which has the options and errors. usage: fields that do not fit together; a
-/// state without a name, or with that of another. tile_missing: a field is not complete.
+/// state: repack_field(). All states of one local field, as they are: merge_fields() of it, which
+/// copies payloads. Else all tiles are encoded again, as by repack_field(), which has the options
+/// and errors; those whose decoded samples are equal are stored once. usage: fields that do not fit
+/// together; a state without a name, or with that of another. tile_missing: a field is not complete.
 [[nodiscard]] Result<RepackReport> join_states(std::span<const StateSource> states,
                                                const std::string& path,
                                                const RepackOptions& options,

@@ -81,6 +81,8 @@ class Scene {
 
   /// A sphere around everything visible.
   [[nodiscard]] virtual Sphere bounds() const = 0;
+  /// How far from a point anything visible lies; at most this. By default as far as bounds().
+  [[nodiscard]] virtual double reach(const glm::dvec3& from) const;
 
   /// The ray from one world point to another, front to back. Deterministic; any thread.
   [[nodiscard]] virtual RaySample trace(const glm::dvec3& from, const glm::dvec3& to) const = 0;

@@ -92,16 +92,6 @@ struct SceneDescription {
 /// Raycaster::make(), MeshScene::make(), make_picture_scene() and make_analytic_scene().
 [[nodiscard]] Result<std::unique_ptr<Scene>> make_scene(const SceneDescription& description);
 
-/// Labels that are one structure: those of one name, or one without a name.
-struct LabelGroup {
-  std::string name;
-  std::vector<std::int64_t> ids;
-};
-/// The visible structures of the label volume, or of the volume of labels at `input`, by their
-/// least ids; with `only_labels`, of these. usage: none is visible. Else errors as read_volume()
-/// and read_label_table().
-[[nodiscard]] Result<std::vector<LabelGroup>> label_groups(const SceneDescription& description);
-
 /// The path with {state} replaced by the name of a state, whose slashes and control characters
 /// become underscores.
 [[nodiscard]] std::string name_of_state(std::string path, std::string state);
@@ -111,9 +101,37 @@ struct NamedScene {
   std::string name;
   std::shared_ptr<const Scene> scene;
 };
-/// A scene for each of the label_groups(), which shows it alone under the light of all: what is
-/// hidden keeps its shadows. The volume is read once, and the light computed, unless it is direct.
-/// Errors as label_groups() and make_scene().
+
+/// Makes the scenes of states, which share what is equal: a volume that several name, with equal
+/// options, is read once, and equal voxels and parts are in memory once. on_note() gets each note
+/// once. The scenes are as make_scene() makes them, and may outlive this. Thread-safety: none.
+class StateScenes {
+ public:
+  StateScenes();
+  ~StateScenes();
+  StateScenes(const StateScenes&) = delete;
+  StateScenes& operator=(const StateScenes&) = delete;
+
+  /// Adds a state. Its light is that of the earlier state `light_from`, but for what it lays open
+  /// (Scene::share_light()), or, if that is empty, its own; {state} in the name of the light's file
+  /// stands for `name`. usage: there is no such state; the file has another state's light, which
+  /// differs. Else errors as make_scene() and Scene::share_light(). After an error all is as
+  /// before.
+  [[nodiscard]] Result<void> add(const std::string& name, SceneDescription description,
+                                 const std::string& light_from = {});
+  [[nodiscard]] const std::vector<NamedScene>& scenes() const { return made_; }
+
+ private:
+  struct Shared;
+  std::unique_ptr<Shared> shared_;
+  std::vector<NamedScene> made_;
+  friend Result<std::vector<NamedScene>> make_label_scenes(SceneDescription description);
+};
+
+/// A scene for each visible structure of the labels, or of those in `only_labels`, by their least
+/// ids: labels of one name, or one without a name. It shows the structure alone under the light of
+/// all: what is hidden keeps its shadows. The first to prepare() computes that light, and any
+/// set_light() sets it. usage: no structure is visible. Else errors as make_scene().
 [[nodiscard]] Result<std::vector<NamedScene>> make_label_scenes(SceneDescription description);
 
 /// The volume at `input`. Errors as read_volume(path, options), and bad_file for what has cameras.

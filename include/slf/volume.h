@@ -99,12 +99,16 @@ struct RawLayout {
   glm::dvec3 spacing{1.0};
   bool big_endian = false;
   std::uint64_t offset = 0;  ///< bytes before the first voxel
+
+  bool operator==(const RawLayout&) const = default;
 };
 
 /// Half-open ranges of voxels along x, y and z.
 struct VoxelBox {
   std::array<std::uint32_t, 3> begin{};
   std::array<std::uint32_t, 3> end{};  ///< 0: the end of the volume
+
+  bool operator==(const VoxelBox&) const = default;
 };
 
 struct VolumeOptions {
@@ -124,6 +128,8 @@ struct VolumeOptions {
   /// Resample unevenly spaced DICOM slices to the smallest distance of two: linearly, or nearest
   /// for labels.
   bool resample = false;
+
+  bool operator==(const VolumeOptions&) const = default;
 };
 
 /// The formats of files that read_volume() reads, but DICOM and raw data: "NRRD, NIfTI, ...".

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import os
-from typing import Any, Callable, Mapping, Sequence, Unpack
+from typing import Any, Callable, Literal, Mapping, Sequence, Unpack, overload
 
 import numpy as np
 
 from . import _slf
-from ._field import (AnyCamera, Field, Path, Size, State, camera_tuple, check_dtype,
+from ._field import (AnyCamera, Array, Field, Path, Size, State, camera_tuple, check_dtype,
                      finished_picture, is_half)
 from ._errors import UsageError
 from ._progress import Progress, reporter
@@ -46,7 +46,7 @@ def build(source: Any, out: Path, *, entry: int = 8, exit: int = 32, finest_leve
     codec: "predictive:QUALITY", "predictive:lossless", "jpeg:QUALITY[:444]", "zstd[:LEVEL]", "raw".
     depth: store depths beside colours; predictive codecs need them.
     color_type: "u8" or "half" (with light: linear radiance).
-    center, radius: the sphere in world units; default: around what is visible.
+    center, radius: the sphere in world units; default: around what is visible in any state.
     states: variants of the object, for one field: for each {"name": ..., other settings}, which are
         taken before those of this call; "source": another source; "light_from": the name of an
         earlier state that differs by `clip` or structures and whose light this one has.
@@ -75,12 +75,9 @@ def build(source: Any, out: Path, *, entry: int = 8, exit: int = 32, finest_leve
     with contextlib.ExitStack() as stack, reporter(progress, "build") as report:
         scenes = scenes_of(stack, source, states=states, each_label=each_label, report=report,
                            linear=half, folder=folder, threads=threads, sphere=whole, **settings)
-        bounds = scenes[0][1].bounds
-        sphere = Sphere(bounds.center if center is None else point(center),
-                        bounds.radius if radius is None else float(radius))
-        built = _slf.build(scenes, out, sphere, entry, exit, finest_level, entry_extra_levels,
-                           codec, depth, half, threads, float(commit_every), force, shard,
-                           only_levels, coarser, report)
+        built = _slf.build(scenes, out, None if center is None else point(center), radius, entry,
+                           exit, finest_level, entry_extra_levels, codec, depth, half, threads,
+                           float(commit_every), force, shard, only_levels, coarser, report)
     field = Field(out, threads=threads)
     field.build_report = built
     return field
@@ -100,6 +97,22 @@ def build_rays(fn: Callable[..., Any], sphere: tuple[Sequence[float], float], ou
     return build(Function(fn, sphere, batch, processes, provenance), out, **settings)
 
 
+@overload
+def raycast(source: Any, camera: AnyCamera = ..., size: Size = ..., *,
+            depth: Literal[False] = ..., dtype: Any = ...,
+            background: Sequence[float] | None = ..., states: Sequence[Mapping[str, Any]] = ...,
+            state: State = ..., threads: int = ..., progress: Progress = ...,
+            **settings: Unpack[Settings]) -> Array: ...
+
+
+@overload
+def raycast(source: Any, camera: AnyCamera = ..., size: Size = ..., *,
+            depth: Literal[True], dtype: Any = ...,
+            background: Sequence[float] | None = ..., states: Sequence[Mapping[str, Any]] = ...,
+            state: State = ..., threads: int = ..., progress: Progress = ...,
+            **settings: Unpack[Settings]) -> Picture: ...
+
+
 def raycast(source: Any, camera: AnyCamera = orbit(), size: Size = (512, 512), *,
             depth: bool = False, dtype: Any = np.float32, background: Sequence[float] | None = None,
             states: Sequence[Mapping[str, Any]] = (), state: State = 0, threads: int = 0,
@@ -107,7 +120,7 @@ def raycast(source: Any, camera: AnyCamera = orbit(), size: Size = (512, 512), *
     """A picture of the source itself, without a field: one ray per pixel.
 
     source and settings are those of build(), results those of Field.render().
-    states, state: those of build(), and the one to draw, in the view around the first.
+    states, state: those of build(), and the one to draw, in a view of the field of all.
     progress: counts rows.
     """
     check_dtype(dtype)
@@ -116,7 +129,7 @@ def raycast(source: Any, camera: AnyCamera = orbit(), size: Size = (512, 512), *
         known: dict[State, Any] = {k: scene for k, (_, scene) in enumerate(scenes)} | dict(scenes)
         if state not in known:
             raise UsageError(f"no state {state!r}; there are {', '.join(dict(scenes)) or 'none'}")
-        view = camera_tuple(scenes[0][1].bounds, camera, size)
+        view = camera_tuple(_slf.bounds_of(scenes), camera, size)
         colors, distance = known[state].raycast(view, threads, report)
     picture = finished_picture(colors, dtype, background)
     return Picture(picture, distance) if depth else picture

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import json
 import math
 import mmap
 import os
 import tempfile
 import warnings
-from typing import Any, Mapping, NamedTuple, Sequence, TypedDict, Unpack
+from typing import Any, Callable, Mapping, NamedTuple, Sequence, TypedDict, Unpack
 
 import numpy as np
 
@@ -336,8 +337,19 @@ def _is_path(source: Any) -> bool:
     return isinstance(source, (str, bytes, os.PathLike))
 
 
-def _arrays(source: Any, settings: Any, folder: str | None, mapped: list[mmap.mmap]) -> None:
+_Kept = dict[Any, tuple[_slf.Volume, _Place]]
+"""Volumes in memory by what they were made of, for states of the same array."""
+
+
+def _arrays(source: Any, settings: Any, folder: str | None, mapped: list[mmap.mmap],
+            kept: _Kept) -> None:
     """Replaces what is no file by volumes in memory."""
+    def volume(array: Any, **how: Any) -> tuple[_slf.Volume, _Place]:
+        key = (id(array), repr(how))
+        if key not in kept:
+            kept[key] = _volume(array, folder=folder, mapped=mapped, **how)
+        return kept[key]
+
     labels, mask = settings.pop("labels", None), settings.get("mask")
     is_labels = settings["labels"] = isinstance(labels, (bool, np.bool_)) and bool(labels)
     if not isinstance(labels, (bool, np.bool_)):
@@ -352,16 +364,16 @@ def _arrays(source: Any, settings: Any, folder: str | None, mapped: list[mmap.mm
         of_files = [key for key in _OF_FILES if settings.get(key)]
         if of_files:
             raise UsageError(f"{', '.join(of_files)}: for files only")
+        make: Any = volume
         if np.ma.is_masked(source) and not is_labels:
             source, settings["mask"] = _unmasked(source, mask)
-        settings["volume"], place = _volume(
-            source, labels=is_labels, folder=folder, mapped=mapped,
-            spacing=settings.pop("spacing", None), **placed)
+            make = functools.partial(_volume, folder=folder, mapped=mapped)  # of new arrays
+        settings["volume"], place = make(source, labels=is_labels,
+                                         spacing=settings.pop("spacing", None), **placed)
     for key, name in ("labels_volume", "labels"), ("mask", "mask"):
         part = settings.get(key)
         if part is not None and not _is_path(part):
-            settings[key], _ = _volume(part, labels=True, like=place, folder=folder,
-                                       mapped=mapped, name=name)
+            settings[key], _ = volume(part, labels=True, like=place, name=name)
 
 
 def scenes_of(stack: contextlib.ExitStack, source: Any, *,
@@ -370,36 +382,38 @@ def scenes_of(stack: contextlib.ExitStack, source: Any, *,
               folder: str | None = None, threads: int = 0, sphere: Sphere | None = None,
               truth_of: str | None = None, **given: Unpack[Settings]) -> list[tuple[str, Any]]:
     """The scenes of states, until `stack` is closed; without states, one of no name, or those of
-    the labels. report: for the light of labels.  folder: for temporary files.  sphere: of pictures.
+    the labels. report: for reading pictures.  folder: for temporary files.  sphere: of pictures.
     truth_of: the provenance of a field to compare with, which is without settings but those of the
     source. Called by what users call, whose place warnings state."""
     if states and each_label:
         raise UsageError("each_label makes states itself, without states=")
     scenes: list[tuple[str, Any]] = []
+    shared = _slf.StateScenes() if states else None
+    kept: _Kept = {}
+    common = {"linear": linear, "threads": threads, "sphere": sphere, "truth_of": truth_of}
     for state in states or ({},):
         settings: Any = {"source": source, **given, **state}
         name, lit_by = state.get("name", ""), settings.pop("light_from", None)
         if "name" in state:
             settings["name"] = given.get("name")
-        if settings.get("light_file"):
-            settings["light_file"] = _slf.name_of_state(settings["light_file"], name)
         notes: list[str] = []
-        made = _made(stack, settings, each_label, notes, report, folder, truth_of,
-                     {"linear": linear, "threads": threads, "sphere": sphere, "truth_of": truth_of})
+
+        def make(described: Any) -> list[tuple[str, Any]]:
+            made: list[tuple[str, Any]] = _slf.make_scenes(
+                {**described, **common}, shared, name, lit_by or "", each_label, notes,
+                report)
+            return made
+        made = _made(stack, settings, each_label, lit_by, folder, truth_of, kept, make)
         for note in notes:
             warnings.warn(note, stacklevel=3)
-        if lit_by is not None:
-            if lit_by not in dict(scenes):
-                raise UsageError(f"light_from: no earlier state is named {lit_by!r}")
-            made[0][1].share_light(dict(scenes)[lit_by])
         scenes += made if each_label else [(name, made[0][1])]
     return scenes
 
 
-def _made(stack: contextlib.ExitStack, given: Any, each_label: bool, notes: list[str],
-          report: ProgressFunction | None, folder: str | None, truth_of: str | None,
-          common: Any) -> list[tuple[str, Any]]:
-    """The scene of a source, or those of its labels."""
+def _made(stack: contextlib.ExitStack, given: Any, each_label: bool, lit_by: str | None,
+          folder: str | None, truth_of: str | None, kept: _Kept,
+          make: Callable[[Any], list[tuple[str, Any]]]) -> list[tuple[str, Any]]:
+    """The scene of a source, or those of its labels, which make() makes of settings."""
     source = given.pop("source")
     known = Settings if truth_of is None else SourceSettings
     unknown = sorted(set(given) - set(known.__annotations__))
@@ -407,20 +421,19 @@ def _made(stack: contextlib.ExitStack, given: Any, each_label: bool, notes: list
         raise TypeError(f"unexpected settings: {', '.join(unknown)}")
     settings: Any = {key: value for key, value in given.items() if value is not None}
     if isinstance(source, Scene):
-        if settings or each_label:
-            names = ["each_label"] * each_label + sorted(settings)
+        if settings or each_label or lit_by:
+            names = ["each_label"] * each_label + ["light_from"] * bool(lit_by) + sorted(settings)
             raise UsageError(f"{', '.join(names)}: not for scenes of Python")
         return [("", stack.enter_context(ray_scene(source)))]
     mapped: list[mmap.mmap] = []
-    _arrays(source, settings, folder, mapped)
+    _arrays(source, settings, folder, mapped, kept)
     if isinstance(settings.get("label_table"), Mapping):
         settings["label_table"] = {int(id): _style(style)
                                    for id, style in settings["label_table"].items()}
     settings["transfer"] = _transfer(settings.get("transfer"))
     if truth_of is None:
         settings.setdefault("depth_cache", "")  # beside the pictures
-    scenes: list[tuple[str, Any]] = _slf.make_scenes({**settings, **common}, each_label, notes,
-                                                     report)
+    scenes = make(settings)
     for file in mapped:  # rays jump from page to page: reading ahead would be in vain
         file.madvise(mmap.MADV_RANDOM)
     return scenes

@@ -331,10 +331,13 @@ std::map<std::string, Set> setters(SceneDescription& d) {
       {"threads", to(d.light_volume.threads)}};
 }
 
-/// The scene that `settings` describe, without a name, or one for each label. None is no setting.
-/// `notes` gets what people should know.
-std::vector<std::pair<Text, SceneHandle>> make_scenes(const py::dict& settings, bool each_label,
-                                                      py::list notes, py::object progress) {
+/// The scene that `settings` describe, or one for each label, with their names. None is no setting.
+/// `states`: those to which it is added as `name`, with the light of `light_from`; null: it is
+/// alone. `notes` gets what people should know.
+std::vector<std::pair<Text, SceneHandle>> make_scenes(const py::dict& settings, StateScenes* states,
+                                                      const Text& name, const Text& light_from,
+                                                      bool each_label, py::list notes,
+                                                      py::object progress) {
   SceneDescription description;
   const auto set = setters(description);
   for (const auto& [key, value] : settings) {
@@ -357,6 +360,10 @@ std::vector<std::pair<Text, SceneHandle>> make_scenes(const py::dict& settings, 
   LongCall call(std::move(progress));
   auto result = SceneHandle{}.trace(call, [&]() -> Result<std::vector<NamedScene>> {
     if (each_label) return make_label_scenes(description);
+    if (states) {
+      SLF_TRY(states->add(name, description, light_from));
+      return std::vector{states->scenes().back()};
+    }
     auto scene = SLF_TRY(make_scene(description));
     return std::vector<NamedScene>{{"", std::move(scene)}};
   });
@@ -390,14 +397,9 @@ void bind_scenes(py::module_& module) {
                              [](const SceneHandle& s) { return tuple_of(s.scene->bounds()); })
       .def_property_readonly("provenance",
                              [](const SceneHandle& s) { return Text(s.scene->provenance()); })
-      .def("share_light",
-           [](const SceneHandle& s, const SceneHandle& from) {
-             value_of(s.scene->share_light(from.scene), "light_from");
-           })
       .def("raycast", raycast);
+  py::class_<StateScenes>(module, "StateScenes").def(py::init());
   module.def("make_scenes", make_scenes);
-  module.def("name_of_state",
-             [](const Text& path, const Text& state) { return Text(name_of_state(path, state)); });
   module.def("ray_scene", [](py::object fn, const SphereTuple& sphere,
                              const std::string& provenance, std::size_t batch, bool concurrent) {
     SceneHandle handle;

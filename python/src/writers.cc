@@ -14,14 +14,21 @@ namespace {
 
 using Levels = std::array<std::optional<unsigned>, 2>;
 
-py::object build(const std::vector<std::pair<Text, SceneHandle>>& scenes, const Text& path,
-                 const SphereTuple& sphere, std::uint32_t entry, std::uint32_t exit,
+using Scenes = std::vector<std::pair<Text, SceneHandle>>;
+
+std::vector<FieldState> states_of(const Scenes& scenes) {
+  std::vector<FieldState> states;
+  for (const auto& [name, handle] : scenes) states.push_back({name, handle.scene.get()});
+  return states;
+}
+
+py::object build(const Scenes& scenes, const Text& path, const std::optional<Triple>& center,
+                 std::optional<double> radius, std::uint32_t entry, std::uint32_t exit,
                  unsigned finest_level, unsigned entry_extra_levels, const std::string& codec,
                  bool depth, bool half, unsigned threads, double commit_seconds, bool force,
                  const std::pair<std::uint32_t, std::uint32_t>& shard, const Levels& only_levels,
                  const Text& coarser, py::object progress) {
   BuildOptions options;
-  options.shape.sphere = sphere_of(sphere);
   options.shape.entry_side = entry;
   options.shape.exit_side = exit;
   options.shape.levels = finest_level;
@@ -34,8 +41,10 @@ py::object build(const std::vector<std::pair<Text, SceneHandle>>& scenes, const 
   options.replace = force;
   options.shard = {shard.first, shard.second, only_levels[0], only_levels[1], coarser};
   LongCall call(std::move(progress));
-  std::vector<FieldState> states;
-  for (const auto& [name, handle] : scenes) states.push_back({name, handle.scene.get()});
+  const auto states = states_of(scenes);
+  Sphere& sphere = options.shape.sphere = bounds_of(states);
+  if (center) sphere.center = vector_of(*center);
+  if (radius) sphere.radius = *radius;
   auto built = scenes.front().second.trace(
       call, [&] { return build_field(states, path, options, call.progress()); });
   for (const auto& [name, handle] : scenes)
@@ -116,6 +125,7 @@ py::object evaluate(const OpenField& open, const SceneHandle& handle,
 
 void bind_writers(py::module_& module) {
   module.def("build", build);
+  module.def("bounds_of", [](const Scenes& s) { return tuple_of(bounds_of(states_of(s))); });
   module.def("repack", repack);
   module.def("merge", merge);
   module.def("diff", diff);

@@ -646,12 +646,33 @@ def test_states_of_one_light(tmp_path):
         assert difference.comparable and all(c.differing == 0 for c in difference.channels)
     with pytest.raises(slf.UsageError, match="no part holds tiles"):
         slf.merge([tmp_path / "1.slf"], tmp_path / "x.slf")
+    cut_open = [states[0], {"name": "cut", "clip": states[1]["clip"]}]
+    with pytest.raises(slf.UsageError, match="one.light: has the light of state 'whole'"):
+        slf.build(ball, tmp_path / "b.slf", **SMALL, **light, states=cut_open,
+                  light_file=tmp_path / "one.light")
     states[1]["light_from"] = "hole"
     with pytest.raises(slf.UsageError, match="no earlier state is named 'hole'"):
         slf.build(ball, tmp_path / "b.slf", **SMALL, **light, states=states)
     states[1] = {"name": "hot", "transfer": "ct-skin", "light_from": "whole"}
     with pytest.raises(slf.UsageError, match="/transfer"):
         slf.build(ball, tmp_path / "b.slf", **SMALL, **light, states=states)
+
+
+def test_states_of_one_array_read_it_once(tmp_path):
+    class Slabs:
+        """As an array of zarr."""
+        shape, dtype, chunks, read = (12, 12, 12), np.dtype(np.uint8), (4, 12, 12), 0
+
+        def __getitem__(self, part):
+            self.read += 1
+            return np.arange(12**3, dtype=np.uint16).astype(np.uint8).reshape(self.shape)[part]
+    slabs = Slabs()
+    states = [{"name": "whole"}, {"name": "cut", "clip": [(6, 6, 6, 0, 0, 1)]}]
+    slf.build(slabs, tmp_path / "a.slf", **SMALL, lighting="direct", transfer="ct-bone",
+              range=(0, 255), states=states)
+    assert slabs.read == 3
+    with pytest.raises(slf.UsageError, match="light_from: not for scenes of Python"):
+        slf.build(slf.Scene(), tmp_path / "b.slf", states=[{"name": "a", "light_from": "b"}])
 
 
 @pytest.fixture(scope="module")

@@ -3,6 +3,12 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <array>
+#include <bit>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <limits>
 #include <nlohmann/json.hpp>
 
 namespace slf {
@@ -239,20 +245,179 @@ TEST(MakeScene, RefusesTheLightOfAnUnlikeScene) {
   EXPECT_THAT(refusal(d, whole), HasSubstr("only volumes under"));
 }
 
+using Bits = std::array<std::uint32_t, 5>;
+
+/// What rays from several sides show, to the bit.
+std::vector<Bits> views_of(const Scene& scene) {
+  std::vector<Bits> seen;
+  for (const glm::dvec3& eye : {glm::dvec3(5, 6, -12), {5, 6, 20}, {-9, 5, -4}, {7, -9, 8}}) {
+    const RaySample sample = scene.trace(eye, glm::dvec3(5.5) + 0.8 * (glm::dvec3(5.5) - eye));
+    seen.push_back(std::bit_cast<Bits>(sample));
+  }
+  return seen;
+}
+
+TEST(StateScenes, AreThoseThatAreMadeAlone) {
+  for (const ScalarType type : {ScalarType::u8, ScalarType::i32, ScalarType::f32}) {
+    SceneDescription d = description();
+    auto volume = std::make_shared<Volume>(*d.volume);
+    if (type != ScalarType::u8) {  // the one is converted, the other has a value that is replaced
+      std::vector<std::byte> wide(4 * volume->voxels.size());
+      for (std::size_t k = 0; k < volume->voxels.size(); ++k) {
+        const int value = std::to_integer<int>(volume->voxels[k]);
+        const float real = k == 0 ? std::numeric_limits<float>::quiet_NaN() : float(value);
+        std::memcpy(&wide[4 * k],
+                    type == ScalarType::i32 ? static_cast<const void*>(&value) : &real, 4);
+      }
+      volume->type = type;
+      volume->voxels = std::move(wide);
+    }
+    d.volume = volume;
+    d.range = {20, 60};
+    d.raycast.lighting.samples = 4;
+    SceneDescription cut = d, parts = d, only = d, masked = d;
+    cut.raycast.clip = {{glm::dvec3(5.5, 5.5, 6), glm::dvec3(0, 0, 1)}};
+    parts.labels_volume.volume = slabs().volume;
+    only = parts;
+    only.only_labels = {1, 3};
+    masked.mask.volume = slabs().volume;
+    StateScenes states;
+    for (const SceneDescription* one : {&d, &cut, &parts, &only, &masked, &d})
+      ASSERT_TRUE(states.add("a", *one));
+    const std::array all{&d, &cut, &parts, &only, &masked, &d};
+    for (std::size_t k = 0; k < all.size(); ++k) {
+      SCOPED_TRACE(k);
+      const Scene& shared = *states.scenes()[k].scene;
+      const auto alone = make_scene(*all[k]);
+      ASSERT_TRUE(alone && (*alone)->prepare() && shared.prepare());
+      EXPECT_EQ(shared.provenance(), (*alone)->provenance());
+      EXPECT_EQ(shared.light(), (*alone)->light());
+      EXPECT_EQ(views_of(shared), views_of(**alone));
+    }
+  }
+}
+
+TEST(StateScenes, ReadAFileOnce) {
+  const std::string path = ::testing::TempDir() + "states.raw";
+  const auto write = [&](char value) { std::ofstream(path) << std::string(512, value); };
+  const auto content = [](const StateScenes& states) {
+    return nlohmann::json::parse(states.scenes().back().scene->provenance())["content"];
+  };
+  write(100);
+  SceneDescription d;
+  d.input = path;
+  d.reading.raw = {{{8, 8, 8}}};
+  d.transfer = "ct-bone";
+  d.range = {0, 50};
+  d.lighting = Lighting::direct;
+  int notes = 0;
+  d.on_note = [&](const std::string&, const char*) { ++notes; };
+  StateScenes states;
+  ASSERT_TRUE(states.add("a", d));
+  const auto first = content(states);
+  write(101);
+  d.raycast.clip = {{glm::dvec3(3, 3, 3), glm::dvec3(0, 0, 1)}};
+  ASSERT_TRUE(states.add("b", d));
+  EXPECT_EQ(content(states), first);
+  EXPECT_LE(notes, 1);
+  d.reading.spacing = glm::dvec3(2);  // another option: another reading
+  ASSERT_TRUE(states.add("c", d));
+  EXPECT_NE(content(states), first);
+  std::filesystem::remove(path);
+}
+
+TEST(StateScenes, LightOfOneNeedsAnEarlierState) {
+  SceneDescription d = description();
+  d.raycast.lighting.samples = 4;
+  StateScenes states;
+  EXPECT_THAT(states.add("a", d, "b").error().message, HasSubstr("no earlier state is named 'b'"));
+  EXPECT_TRUE(states.scenes().empty());
+  ASSERT_TRUE(states.add("a", d) && states.add("b", d, "a"));
+  EXPECT_THAT(states.add("c", d, "b").error().message, HasSubstr("the light of a third"));
+}
+
+TEST(StateScenes, AFileOfLightIsOfOneLight) {
+  SceneDescription d = description();
+  d.light_volume.file = ::testing::TempDir() + "one.light";
+  StateScenes states;
+  ASSERT_TRUE(states.add("a", d));
+  SceneDescription brighter = d;
+  brighter.raycast.lighting.tone.exposure = 1;  // which light does not depend on
+  EXPECT_TRUE(states.add("b", brighter));
+  SceneDescription other = d;
+  other.raycast.lighting.samples = 5;
+  const auto refused = states.add("c", other);
+  ASSERT_FALSE(refused);
+  EXPECT_THAT(refused.error().message, HasSubstr("has the light of state 'a'"));
+  EXPECT_STREQ(refused.error().choice, "light_file");
+  other.light_volume.file = ::testing::TempDir() + "{state}.light";
+  EXPECT_TRUE(states.add("c", other) && states.add("d", d));
+  other.light_volume.file = d.light_volume.file;
+  other.lighting = Lighting::direct;
+  EXPECT_TRUE(states.add("e", other));
+}
+
+TEST(StateScenes, ScenesOfOtherLabelsKeepTheirLight) {
+  SceneDescription d = slabs();
+  StateScenes states;
+  ASSERT_TRUE(states.add("whole", d));
+  d.raycast.clip = {{glm::dvec3(5.5, 5.5, 6), glm::dvec3(0, 0, 1)}};
+  d.only_labels = {1};
+  ASSERT_TRUE(states.add("own", d));
+  d.only_labels = {2};
+  ASSERT_TRUE(states.add("shared", d, "whole"));
+  d.only_labels = {3};
+  ASSERT_TRUE(states.add("own, too", d));
+  for (const auto& [name, scene] : states.scenes()) ASSERT_TRUE(scene->prepare());
+  const auto light = [&](std::size_t k) { return states.scenes()[k].scene->light(); };
+  EXPECT_EQ(light(1), light(3));
+  EXPECT_NE(light(1), light(0));
+  EXPECT_EQ(light(2), light(0));
+}
+
+TEST(MakeScene, TheLightOfLabelsIsComputedOnce) {
+  SceneDescription d = slabs();
+  int begun = 0;
+  std::uint64_t before = 0;
+  d.light_volume.threads = 1;
+  d.light_volume.progress = [&](const Progress& progress) {
+    begun += before == 0 || progress.done < before;
+    before = progress.done;
+    return true;
+  };
+  const auto scenes = make_label_scenes(d);
+  ASSERT_TRUE(scenes);
+  ASSERT_EQ(scenes->size(), 2u);
+  EXPECT_EQ(begun, 0);  // not before it is needed
+  for (const auto& [name, scene] : *scenes) ASSERT_TRUE(scene->prepare());
+  const int computed = begun;
+  EXPECT_GT(computed, 0);
+  const auto light = (*scenes)[0].scene->light();
+  EXPECT_EQ((*scenes)[1].scene->light(), light);
+  const auto again = make_label_scenes(d);
+  ASSERT_TRUE(again && (*again)[0].scene->set_light(light));
+  for (const auto& [name, scene] : *again) ASSERT_TRUE(scene->prepare());
+  EXPECT_EQ(begun, computed);
+  for (std::size_t k = 0; k < 2; ++k)
+    EXPECT_EQ(views_of(*(*again)[k].scene), views_of(*(*scenes)[k].scene));
+}
+
 TEST(MakeScene, LabelsOfOneNameAreOneStructure) {
   SceneDescription d = slabs();
-  const auto ids = [](const Result<std::vector<LabelGroup>>& groups) {
-    std::vector<std::pair<std::string, std::vector<std::int64_t>>> out;
-    for (const LabelGroup& group : *groups) out.emplace_back(group.name, group.ids);
+  using Groups = std::vector<std::pair<std::string, std::vector<int>>>;
+  const auto groups = [&] {
+    Groups out;
+    const auto made = make_label_scenes(d);
+    for (const auto& [name, scene] : *made)
+      out.emplace_back(name, nlohmann::json::parse(scene->provenance())["structures"]["only"]);
     return out;
   };
-  using Groups = decltype(ids(label_groups(d)));
-  EXPECT_EQ(ids(label_groups(d)), (Groups{{"front", {1}}, {"back", {2, 3}}}));
+  EXPECT_EQ(groups(), (Groups{{"front", {1}}, {"back", {2, 3}}}));
   d.only_labels = {3};
-  EXPECT_EQ(ids(label_groups(d)), (Groups{{"back", {3}}}));
+  EXPECT_EQ(groups(), (Groups{{"back", {3}}}));
   d.only_labels.clear();
   d.styles = LabelTable{{1, {"", {}, 0}}, {3, {"third", {}, 1}}};
-  EXPECT_EQ(ids(label_groups(d)), (Groups{{"label 2", {2}}, {"third", {3}}}));
+  EXPECT_EQ(groups(), (Groups{{"label 2", {2}}, {"third", {3}}}));
   // What is hidden in the table is so in the picture.
   const auto hidden = make_scene(d);
   ASSERT_TRUE(hidden);
@@ -263,7 +428,7 @@ TEST(MakeScene, LabelsOfOneNameAreOneStructure) {
   EXPECT_GT(depth(**hidden), depth(**shown) + 0.05f);
 
   d = description();
-  EXPECT_THAT(label_groups(d).error().message, HasSubstr("ball: holds amounts, not labels"));
+  EXPECT_THAT(make_label_scenes(d).error().message, HasSubstr("ball: holds amounts, not labels"));
   d.only_labels = {1};
   EXPECT_THAT(make_scene(d).error().message, HasSubstr("ball: has no labels"));
   d = slabs();

@@ -442,6 +442,14 @@ TEST_P(States, AreCopiedTogetherAndAlone) {
   }
   EXPECT_TRUE(!lossless || some->in_state(2)->content()->payload_bytes == 0);
   EXPECT_EQ(verify_field(path("some.slf"), {})->found, 0u);
+  // All of one field, as they are, are merged.
+  std::vector<StateSource> every = *state_sources(*all, {});
+  ASSERT_TRUE(join_states(every, path("every.slf"), {}));
+  EXPECT_EQ(read_text(path("every.slf")), merge({all->path()}));
+  std::swap(every[0], every[1]);
+  const auto swapped = join_states(every, path("swapped.slf"), {});
+  ASSERT_TRUE(swapped);
+  EXPECT_EQ(swapped->copied, 0u);
   // Nothing of the manifest says which samples were copied, so a copy is never gone on with.
   const auto again = join_states(chosen, path("some.slf"), {});
   EXPECT_EQ(again.error().code, ErrorCode::usage);
@@ -454,6 +462,44 @@ TEST_P(States, AreCopiedTogetherAndAlone) {
   const std::vector<StateSource> unlike{{"deep", *deep},
                                         {"other", *Field::open(path("other.slf"))}};
   EXPECT_EQ(join_states(unlike, path("no.slf"), {}).error().code, ErrorCode::usage);
+}
+
+/// A ball that is visible where planes leave it, whatever its bounds are.
+class Part final : public Scene {
+ public:
+  Part(const Sphere& bounds, double reach) : bounds_(bounds), reach_(reach) {}
+  [[nodiscard]] Sphere bounds() const override { return bounds_; }
+  [[nodiscard]] double reach(const glm::dvec3& from) const override {
+    return reach_ > 0 ? reach_ : Scene::reach(from);
+  }
+  [[nodiscard]] RaySample trace(const glm::dvec3&, const glm::dvec3&) const override { return {}; }
+  [[nodiscard]] std::string provenance() const override { return "{}"; }
+
+ private:
+  Sphere bounds_;
+  double reach_;
+};
+
+TEST(StatesSphere, HoldsAllThatIsVisible) {
+  const auto around = [](std::vector<Part> parts) {
+    std::vector<FieldState> states;
+    for (const Part& part : parts) states.push_back({"", &part});
+    return bounds_of(states);
+  };
+  const Part first({{0, 0, 0}, 2}, 0);
+  const auto expect = [](const Sphere& sphere, const glm::dvec3& center, double radius) {
+    EXPECT_NEAR(glm::distance(sphere.center, center), 0, 1e-12);
+    EXPECT_NEAR(sphere.radius, radius, 1e-12);
+  };
+  expect(around({first}), {0, 0, 0}, 2);
+  expect(around({first, Part({{1, 0, 0}, 1}, 0)}), {0, 0, 0}, 2);
+  expect(around({first, Part({{1, 0, 0}, 1.5}, 1.9)}), {0, 0, 0},
+         2);  // what is visible lies inside
+  expect(around({first, Part({{1, 0, 0}, 1.5}, 0)}), {0.25, 0, 0}, 2.25);
+  expect(around({first, Part({{0, 9, 0}, 1}, 0)}), {0, 4, 0}, 6);
+  expect(around({first, Part({{0, 1, 0}, 5}, 0)}), {0, 1, 0}, 5);
+  expect(around({first, Part({{0, 0, 0}, 3}, 0)}), {0, 0, 0}, 3);
+  expect(around({first, Part({{0, 4, 0}, 1}, 0), Part({{0, 0, 0}, 1}, 0)}), {0, 1.5, 0}, 3.5);
 }
 
 TEST_P(States, WhatTheyAreNotIsSaid) {
