@@ -413,7 +413,7 @@ Result<Volume> read_nrrd(const std::string& path, std::string_view head,
 
   if (const auto* text = header.find("spaceunits"))
     for (const std::string unit : {"mm", "cm", "m", "um", "µm", "nm"})
-      if (const std::string one = '"' + unit + '"'; *text == one + " " + one + " " + one)
+      if (const std::string one = '"' + unit + '"'; *text == concat(one, " ", one, " ", one))
         volume.unit = unit;
 
   SLF_TRY(locate(header, volume.type, all_axes, data));

@@ -178,6 +178,21 @@ TEST(VolumeNpy, TheOneVolumeOfAnArchive) {
                "a ZIP archive");
 }
 
+TEST(VolumeNpy, MembersInAnotherFormAreNamed) {
+  const Folder folder;
+  const std::string whole = zip({{"a.npy", npy("'|u1'", "(3, 4, 5)", phantom())}}, false);
+  const std::size_t entry = whole.find("PK\1\2");
+  for (const auto& [place, value] : {std::pair{8, 1}, {10, 12}}) {  // encrypted, or by bzip2
+    std::string bytes = whole;
+    bytes[entry + static_cast<std::size_t>(place)] = static_cast<char>(value);
+    expect_error(folder.write("a.npz", bytes), ErrorCode::unsupported,
+                 "'a.npy' is encrypted, or packed by another method");
+  }
+  std::string bytes = whole;
+  bytes[entry + 42] = 5;  // of its data
+  expect_error(folder.write("a.npz", bytes), ErrorCode::bad_file, "is not where it should be");
+}
+
 TEST(VolumeNpy, TruncatedAnywhereIsAnError) {
   const Folder folder;
   const std::string array = npy("'|u1'", "(3, 4, 5)", phantom());

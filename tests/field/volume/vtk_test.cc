@@ -2,6 +2,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <sstream>
 
 #include "tests/field/volume/samples.h"
@@ -133,6 +134,15 @@ TEST(VolumeVtk, WhatIsNoVolumeIsNamed) {
   refuse(vtk("BINARY", "POINT_DATA 9999999999\nSCALARS a double\nLOOKUP_TABLE default\n"),
          ErrorCode::bad_file, "do not fit the file");
   refuse(vtk("BINARY", scalars(ScalarType::u8, false), "5 4"), ErrorCode::bad_file, "DIMENSIONS");
+}
+
+TEST(VolumeVtk, NumbersBeyondTheRangeOfDoubleAreZeroOrInfinite) {
+  const Folder folder;
+  const std::string numbers = "POINT_DATA 8\nSCALARS a double\n1e-400 1e400 +.5 2 3 4 5 6\n";
+  const auto volume = expect_read(folder.write("a.vtk", vtk("ASCII", numbers, "2 2 2")));
+  EXPECT_EQ(value_at(volume, 0, 0, 0), 0);
+  EXPECT_EQ(value_at(volume, 1, 0, 0), HUGE_VAL);
+  EXPECT_EQ(value_at(volume, 0, 1, 0), 0.5);
 }
 
 TEST(VolumeVtk, TruncatedAnywhereIsAnError) {
