@@ -44,7 +44,7 @@ Result<void> run_build(const BuildArguments& arguments) {
   std::vector<FieldState> states;
   for (const NamedScene& state : made) states.push_back({state.name, state.scene.get()});
   Sphere& sphere = options.shape.sphere;
-  sphere = states[0].scene->bounds();
+  sphere = bounds_of(states);
   if (!arguments.center.empty()) sphere.center = to_vector(arguments.center);
   if (arguments.radius != 0) sphere.radius = arguments.radius;
   options.replace = arguments.force;

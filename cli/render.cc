@@ -1,6 +1,7 @@
 // slf render and slf raycast: draw a view of a field, or the same view of its source.
 #include "slf/render.h"
 
+#include <algorithm>
 #include <filesystem>
 #include <numeric>
 #include <set>
@@ -148,6 +149,12 @@ Result<std::vector<NamedScene>> scenes_of(const RaycastArguments& a,
   return made;
 }
 
+Sphere sphere_of(const std::vector<NamedScene>& made) {
+  Sphere sphere = made.front().scene->bounds();
+  sphere.radius = std::max(sphere.radius, made.back().scene->reach(sphere.center));
+  return sphere;
+}
+
 /// Names the pictures of cameras in the folder of their output. bad_file: two have one name, or one
 /// leads out of the folder.
 Result<void> name_pictures(const RaycastArguments& a, std::vector<Picture>& pictures) {
@@ -183,11 +190,12 @@ Result<void> raycast_cameras(const RaycastArguments& a) {
   };
   const auto made = SLF_TRY(scenes_of(a, source));
   const auto& scene = made.back().scene;
+  const Sphere sphere = sphere_of(made);
   const auto progress = progress_bar("raycast", "pictures", OnSignal::end);
   for (std::size_t k = 0; k < set.pictures.size(); ++k) {
     const Picture& picture = set.pictures[k];
     const auto camera = SLF_TRY(camera_of(picture));
-    auto image = SLF_TRY(trace_view(*scene, made.front().scene->bounds(), camera, a.threads));
+    auto image = SLF_TRY(trace_view(*scene, sphere, camera, a.threads));
     std::error_code error;
     std::filesystem::create_directories(std::filesystem::path(picture.file).parent_path(), error);
     SLF_TRY(write_image(picture.file, through_lens(picture, camera, std::move(image))));
@@ -205,9 +213,8 @@ Result<void> run_raycast(const RaycastArguments& a) {
   source.raycast.lighting.linear = a.picture.is_exr();
   const auto made = SLF_TRY(scenes_of(a, source));
   const auto& scene = made.back().scene;
-  const Sphere sphere = made.front().scene->bounds();
-  const auto camera = SLF_TRY(a.camera.camera(sphere));
-  const auto image = SLF_TRY(trace_view(*scene, sphere, camera, a.threads,
+  const auto camera = SLF_TRY(a.camera.camera(made.front().scene->bounds()));
+  const auto image = SLF_TRY(trace_view(*scene, sphere_of(made), camera, a.threads,
                                         progress_bar("raycast", "rows", OnSignal::end)));
   return a.picture.write(image);
 }

@@ -127,7 +127,15 @@ Result<std::vector<NamedScene>> make_states(const std::string& file, const Sourc
     for (unsigned time = 0; needed; ++time) {
       if (all) state["time"] = time;
       const std::string name = all ? fmt::format("{} {}", stem, time) : stem;
-      const auto own = arguments_of(state, name, common);
+      auto own = arguments_of(state, name, common);
+      if (own && time > 0 && !own->reading.labels) {  // values keep their colours over time
+        own->transfer.clear(), own->range.reset();
+        own->make_transfer = [first = made.back().scene](const Volume& volume) {
+          if (volume.labels) return Result<TransferFunction>(default_transfer(volume));
+          const auto built = nlohmann::json::parse(first->provenance());
+          return parse_transfer(built["transfer"].dump(), "the first time");
+        };
+      }
       auto scene = own ? make_scene(*own) : tl::unexpected(own.error());
       // There are no more times in the file.
       if (all && time > 0 && !scene && scene.error().choice &&

@@ -15,6 +15,7 @@
 #include "field/scene/light_code.h"
 #include "field/scene/light_volume.h"
 #include "field/scene/provenance.h"
+#include "field/scene/raycaster_space.h"
 #include "field/scene/shared_light.h"
 #include "field/scene/volume_scene.h"
 
@@ -241,6 +242,10 @@ bool Raycaster::set_light(std::span<const std::byte> light) const {
 }
 
 Sphere Raycaster::bounds() const { return state_->scene->bounds; }
+
+double Raycaster::reach(const glm::dvec3& from) const {
+  return find_reach(state_->scene->volume, state_->scene->grid, from);
+}
 
 RaySample Raycaster::trace(const glm::dvec3& from, const glm::dvec3& to) const {
   const Segment ray{from, to};

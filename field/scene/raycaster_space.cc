@@ -232,18 +232,15 @@ void find_visible_box(const std::vector<CellRun>& runs, RayGrid& grid) {
   }
 }
 
-/// The sphere around the centre of the visible box up to the farthest visible cell.
-Sphere find_bounds(const std::vector<CellRun>& runs, const RayGrid& grid, const Volume& volume) {
-  const auto world = [&](const glm::dvec3& index) { return volume.origin + volume.axes * index; };
-  Sphere sphere{world((grid.visible_low + grid.visible_high) / 2.0), 0};
+double find_reach(const std::vector<CellRun>& runs, const Volume& volume, const glm::dvec3& from) {
+  double reach = 0;
   for (const CellRun& run : runs)
     for (int corner = 0; corner < 8; ++corner) {
       const glm::dvec3 at((corner & 1) ? run.last.x + 1 : run.first.x,
                           run.first.y + (corner >> 1 & 1), run.first.z + (corner >> 2));
-      sphere.radius = std::max(sphere.radius, glm::distance(sphere.center, world(at)));
+      reach = std::max(reach, glm::distance(from, volume.origin + volume.axes * at));
     }
-  sphere.radius *= 1.001;
-  return sphere;
+  return reach * 1.001;
 }
 
 }  // namespace
@@ -260,7 +257,13 @@ std::optional<Sphere> find_visible_space(const Volume& volume, RayGrid& grid) {
   if (runs.empty()) return std::nullopt;
   find_visible_box(runs, grid);
   spread_distance(grid.distance, grid.bricks);
-  return find_bounds(runs, grid, volume);
+  const glm::dvec3 middle = (grid.visible_low + grid.visible_high) / 2.0;
+  const glm::dvec3 center = volume.origin + volume.axes * middle;
+  return Sphere{center, find_reach(runs, volume, center)};
+}
+
+double find_reach(const Volume& volume, const RayGrid& grid, const glm::dvec3& from) {
+  return find_reach(find_runs(grid), volume, from);
 }
 
 }  // namespace slf

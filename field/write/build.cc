@@ -328,11 +328,10 @@ Result<OwnedJson> provenance_of(const Scene& scene) {
 
 /// The manifest of a new field. usage: a setting, or a scene's bounds or provenance, is invalid.
 Result<Manifest> plan(std::span<const FieldState> states, const BuildOptions& options) {
-  const Scene& scene = *states[0].scene;
   Manifest manifest;
   manifest.shape = options.shape;
   const bool scene_bounds = manifest.shape.sphere.radius == 0;
-  if (scene_bounds) manifest.shape.sphere = scene.bounds();
+  if (scene_bounds) manifest.shape.sphere = bounds_of(states);
   const auto& [center, radius] = manifest.shape.sphere;
   if (auto ok = manifest.shape.check(); !ok)
     return fail(ok.error().code, scene_bounds ? "around the scene's bounds: " : "",
@@ -441,6 +440,13 @@ Result<BuildReport> build(const TileSource& source, Manifest manifest, const std
 }
 
 }  // namespace
+
+Sphere bounds_of(std::span<const FieldState> states) {
+  Sphere sphere = states[0].scene->bounds();
+  for (const FieldState& state : states.subspan(1))
+    sphere.radius = std::max(sphere.radius, state.scene->reach(sphere.center));
+  return sphere;
+}
 
 Result<BuildReport> build_field(const Scene& scene, const std::string& path,
                                 const BuildOptions& options, const ProgressCallback& progress) {

@@ -82,7 +82,11 @@ struct FieldState {
                                               const BuildOptions& options,
                                               const ProgressCallback& progress = {});
 
-/// The same with several states on one sphere, by default that around the first. Tiles whose
+/// A sphere around everything that the states show; its centre is that of the first one's bounds().
+/// REQUIRES: there is a state.
+[[nodiscard]] Sphere bounds_of(std::span<const FieldState> states);
+
+/// The same with several states on one sphere, by default bounds_of() them. Tiles whose
 /// samples equal those of the same tile of an earlier state are stored once. Keeps 16 bytes in
 /// memory of each tile that is to be built. usage: no state, a state without a name, two with one.
 [[nodiscard]] Result<BuildReport> build_field(std::span<const FieldState> states,

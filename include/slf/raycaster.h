@@ -110,6 +110,7 @@ class Raycaster final : public Scene {
   /// that this scene does.
   [[nodiscard]] Result<void> share_light(std::shared_ptr<const Scene> from) const override;
   [[nodiscard]] Sphere bounds() const override;
+  [[nodiscard]] double reach(const glm::dvec3& from) const override;
   [[nodiscard]] RaySample trace(const glm::dvec3& from, const glm::dvec3& to) const override;
   void trace_many(std::span<const Segment> rays, std::span<RaySample> out) const override;
   [[nodiscard]] std::string provenance() const override;

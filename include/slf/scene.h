@@ -81,6 +81,10 @@ class Scene {
 
   /// A sphere around everything visible.
   [[nodiscard]] virtual Sphere bounds() const = 0;
+  /// A distance within which everything visible lies from a point.
+  [[nodiscard]] virtual double reach(const glm::dvec3& from) const {
+    return glm::distance(from, bounds().center) + bounds().radius;
+  }
 
   /// The ray from one world point to another, front to back. Deterministic; any thread.
   [[nodiscard]] virtual RaySample trace(const glm::dvec3& from, const glm::dvec3& to) const = 0;
