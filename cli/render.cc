@@ -1,6 +1,7 @@
 // slf render and slf raycast: draw a view of a field, or the same view of its source.
 #include "slf/render.h"
 
+#include <algorithm>
 #include <filesystem>
 #include <numeric>
 #include <set>

@@ -94,7 +94,15 @@ Result<std::vector<NamedScene>> make_states(const std::string& file,
     const bool all = state.value("time", nlohmann::json()) == "all";
     for (unsigned time = 0;; ++time) {
       if (all) state["time"] = time;
-      const auto own = arguments_of(state, common);
+      auto own = arguments_of(state, common);
+      if (own && time > 0 && !own->reading.labels) {  // values keep their colours over time
+        own->transfer.clear(), own->range.reset();
+        own->make_transfer = [first = made.scenes().back().scene](const Volume& volume) {
+          if (volume.labels) return Result<TransferFunction>(default_transfer(volume));
+          const auto built = nlohmann::json::parse(first->provenance());
+          return parse_transfer(built["transfer"].dump(), "the first time");
+        };
+      }
       auto ok = own ? made.add(all ? fmt::format("{} {}", stem, time) : stem, *own,
                                text_of(state, kLightFrom, ""))
                     : tl::unexpected(own.error());

@@ -193,10 +193,9 @@ Result<std::unique_ptr<Raycaster>> Raycaster::make(Volume volume, const Transfer
         std::move(made), lit ? std::optional(light_volume) : std::nullopt, shown != nullptr});
     if (!lit && shown) (*scene)->scene->grid = {};
   }
-  auto caster = std::unique_ptr<Raycaster>(new Raycaster(std::unique_ptr<State>(
-      new State{*scene, std::move(shown),
-                lit && !lighting.linear ? std::optional<ToneMapper>(lighting.tone)
-                                        : std::nullopt})));
+  auto caster = std::unique_ptr<Raycaster>(new Raycaster(std::unique_ptr<State>(new State{
+      *scene, std::move(shown),
+      lit && !lighting.linear ? std::optional<ToneMapper>(lighting.tone) : std::nullopt})));
   if (!light_volume.deferred) SLF_TRY(caster->prepare());
   return caster;
 }
@@ -277,7 +276,7 @@ bool Raycaster::set_light(std::span<const std::byte> light) const {
 Sphere Raycaster::bounds() const { return state_->lit->scene->bounds; }
 
 double Raycaster::reach(const glm::dvec3& from) const {
-  return farthest_visible(state_->lit->scene->volume, state_->seen().grid, from);
+  return find_reach(state_->lit->scene->volume, state_->seen().grid, from);
 }
 
 RaySample Raycaster::trace(const glm::dvec3& from, const glm::dvec3& to) const {

@@ -232,26 +232,18 @@ void find_visible_box(const std::vector<CellRun>& runs, RayGrid& grid) {
   }
 }
 
-glm::dvec3 world(const Volume& volume, const glm::dvec3& index) {
-  return volume.origin + volume.axes * index;
-}
-
-double farthest(const std::vector<CellRun>& runs, const Volume& volume, const glm::dvec3& from) {
-  double distance = 0;
+double find_reach(const std::vector<CellRun>& runs, const Volume& volume, const glm::dvec3& from) {
+  double reach = 0;
   for (const CellRun& run : runs)
     for (int corner = 0; corner < 8; ++corner) {
       const glm::dvec3 at((corner & 1) ? run.last.x + 1 : run.first.x,
                           run.first.y + (corner >> 1 & 1), run.first.z + (corner >> 2));
-      distance = std::max(distance, glm::distance(from, world(volume, at)));
+      reach = std::max(reach, glm::distance(from, volume.origin + volume.axes * at));
     }
-  return distance;
+  return reach * 1.001;
 }
 
 }  // namespace
-
-double farthest_visible(const Volume& volume, const RayGrid& grid, const glm::dvec3& from) {
-  return farthest(find_runs(grid), volume, from);
-}
 
 std::optional<Sphere> find_visible_space(const Volume& volume, RayGrid& grid) {
   for (std::size_t axis = 0; axis < 3; ++axis)
@@ -265,8 +257,13 @@ std::optional<Sphere> find_visible_space(const Volume& volume, RayGrid& grid) {
   if (runs.empty()) return std::nullopt;
   spread_distance(grid.distance, grid.bricks);
   find_visible_box(runs, grid);
-  const glm::dvec3 center = world(volume, (grid.visible_low + grid.visible_high) / 2.0);
-  return Sphere{center, 1.001 * farthest(runs, volume, center)};
+  const glm::dvec3 middle = (grid.visible_low + grid.visible_high) / 2.0;
+  const glm::dvec3 center = volume.origin + volume.axes * middle;
+  return Sphere{center, find_reach(runs, volume, center)};
+}
+
+double find_reach(const Volume& volume, const RayGrid& grid, const glm::dvec3& from) {
+  return find_reach(find_runs(grid), volume, from);
 }
 
 }  // namespace slf

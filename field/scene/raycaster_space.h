@@ -8,12 +8,11 @@
 namespace slf {
 
 /// Computes the grid's bricks, distances and visible box from its table and dims. Returns a sphere
-/// around all visible cells, or nothing if there are none. The sphere depends only on the volume
-/// and the table.
+/// from the middle of that box to the farthest visible cell, or nothing if there are none. The
+/// sphere depends only on the volume and the table.
 [[nodiscard]] std::optional<Sphere> find_visible_space(const Volume& volume, RayGrid& grid);
 
-/// How far from a world point the farthest visible cell reaches.
-[[nodiscard]] double farthest_visible(const Volume& volume, const RayGrid& grid,
-                                      const glm::dvec3& from);
+/// A little more than the distance of a point to the farthest visible cell. REQUIRES: there is one.
+[[nodiscard]] double find_reach(const Volume& volume, const RayGrid& grid, const glm::dvec3& from);
 
 }  // namespace slf

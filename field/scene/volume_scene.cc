@@ -23,11 +23,17 @@ void own(Volume& volume, std::vector<std::byte> voxels) {
   volume.borrowed.reset();
 }
 
+/// Stores differences from the least value if the values differ little for their size.
 void convert_to_float(Volume& volume) {
+  const auto [low, high] = volume.value_range();
+  const bool is_far = std::abs(low) > 16 * (high - low);
+  const double base = is_far ? (low - volume.intercept) / volume.slope : 0;
+  volume.intercept += volume.slope * base;
   visit_voxels(volume, [&](auto from) {
     std::vector<std::byte> converted(from.size() * sizeof(float));
     auto* to = reinterpret_cast<float*>(converted.data());
-    for (std::size_t k = 0; k < from.size(); ++k) to[k] = static_cast<float>(from[k]);
+    for (std::size_t k = 0; k < from.size(); ++k)
+      to[k] = static_cast<float>(static_cast<double>(from[k]) - base);
     own(volume, std::move(converted));
   });
   volume.type = ScalarType::f32;

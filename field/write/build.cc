@@ -431,19 +431,25 @@ Result<BuildReport> build(const TileSource& source, Manifest manifest, const std
 }  // namespace
 
 Sphere bounds_of(std::span<const FieldState> states) {
-  Sphere all = states[0].scene->bounds();
+  const Sphere first = states[0].scene->bounds();
+  Sphere all = first;  // around the spheres of all
   for (const FieldState& state : states.subspan(1)) {
-    if (state.scene->reach(all.center) <= all.radius) continue;
     const auto [center, radius] = state.scene->bounds();
     const double apart = glm::distance(all.center, center);
-    if (apart + all.radius <= radius) {
-      all = {center, radius};
-    } else if (apart + radius > all.radius) {  // the sphere around both
-      const double reach = (apart + all.radius + radius) / 2;
-      all = {all.center + (reach - all.radius) / apart * (center - all.center), reach};
-    }
+    if (apart + radius <= all.radius) continue;
+    const double half = apart + all.radius > radius ? (apart + all.radius + radius) / 2 : radius;
+    if (apart > 0) all.center += (half - all.radius) / apart * (center - all.center);
+    all.radius = half;
   }
-  return all;
+  const auto around = [&](const glm::dvec3& center) {
+    double reach = 0;
+    for (const FieldState& state : states) reach = std::max(reach, state.scene->reach(center));
+    return Sphere{center, reach};
+  };
+  const Sphere same_center = around(first.center);
+  if (same_center.radius <= first.radius) return first;
+  const Sphere between = around(all.center);
+  return same_center.radius <= between.radius ? same_center : between;
 }
 
 Result<BuildReport> build_field(const Scene& scene, const std::string& path,

@@ -57,7 +57,8 @@ struct FieldState {
 };
 
 /// A sphere around all that is visible in any state: the bounds of the first state if these hold
-/// the others. REQUIRES: a state.
+/// the others, else the smaller one of two, about its centre or about that of all bounds. REQUIRES:
+/// a state.
 [[nodiscard]] Sphere bounds_of(std::span<const FieldState> states);
 
 /// Builds, or resumes, the field at `path`. Progress counts rays, approximately.
@@ -86,9 +87,9 @@ struct FieldState {
                                               const BuildOptions& options,
                                               const ProgressCallback& progress = {});
 
-/// The same with several states on one sphere. Tiles whose samples equal those of the same tile of an
-/// earlier state are stored once. Keeps 16 bytes in memory of each tile that is to be built. usage:
-/// no state, a state without a name, two with one.
+/// The same with several states on one sphere. Tiles whose samples equal those of the same tile of
+/// an earlier state are stored once. Keeps 16 bytes in memory of each tile that is to be built.
+/// usage: no state, a state without a name, two with one.
 [[nodiscard]] Result<BuildReport> build_field(std::span<const FieldState> states,
                                               const std::string& path, const BuildOptions& options,
                                               const ProgressCallback& progress = {});

@@ -1231,6 +1231,20 @@ class PageTest(unittest.TestCase):
                     self.assertTrue(a[2] <= b[0] or b[2] <= a[0] or a[3] <= b[1] or b[3] <= a[1])
             page.close()
 
+    def test_the_scale_bar_and_the_compass_are_beside_the_views(self):
+        with self.explained({"views": [{"title": "A view", "orbit": [30, 10, 2.5]}]}) as server:
+            for width in (390, 650, 900, 1100):
+                page = self.browser.open(server.url, width, 600)
+                page.settle()
+                views, *others = page.run("""['views', 'scale', 'compass'].map((id) =>
+                    (({left, top, right, bottom}) => [left, top, right, bottom])(
+                      slf.root.getElementById(id).getBoundingClientRect()))""")
+                with self.subTest(width=width):
+                    for a in others:
+                        self.assertLess(a[0], a[2])
+                        self.assertTrue(views[2] <= a[0] or a[3] <= views[1], (views, a))
+                page.close()
+
     def test_swipes_and_copying_a_view(self):
         views = [{"title": f"View {i}", "orbit": [30 * i, 10, 2.5]} for i in range(3)]
         with self.explained({"views": views}) as server:

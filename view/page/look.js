@@ -243,6 +243,10 @@ dialog h2 { margin: 0 0 10px; font-size: 16px; }
 dialog dd { text-align: left; }
 dialog form { margin-top: 14px; text-align: right; }
 
+@container (min-width: 641px) and (max-width: 1000px) {  /* free of #views */
+  #scale { right: 16px; bottom: 116px; }
+  #views { width: min(460px, calc(100% - 240px)); }
+}
 @container (max-width: 640px) {
   #structures { top: 68px; left: 12px; right: auto; }
   #scale { bottom: auto; top: 20px; right: 116px; }
