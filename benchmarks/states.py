@@ -8,8 +8,14 @@ With `--one-light`, they have the light of the first. With `--times`, they are t
 4-D volume. For each state it prints the bytes that it adds to the field of all, the bytes of a
 field of its own, what share of tiles it has in common with earlier states, and the PSNR of views of
 both fields to ray-casting, the latter under its own light. Then the sums: all states in one
-field; a field for each; the same if equal tiles were stored once, but nothing were predicted from other
-states. Options after `--` are those of `slf build`, as `-- --levels 1 --lighting direct`.
+field; a field for each; the same if equal tiles were stored once, but nothing were predicted from
+other states. Options after `--` are those of `slf build`, as `-- --levels 1 --lighting direct`.
+
+With `--film CRF...`, a film (AV1, by ffmpeg) of the same rays: their colours at the finest level,
+one picture for each entry vertex, and each entry vertex in all states before the next one. Opacity
+and depth cost the film nothing. Its views are drawn from fields with its colours. Needs numpy, and
+`entry_pictures` beside `slf`, as in build/bench. Beside it `--quality Q...`: the field of all,
+`predictive:Q`.
 """
 
 import argparse
@@ -17,20 +23,32 @@ import json
 import pathlib
 import subprocess
 import sys
+import types
 
 
 class Benchmark:
     def __init__(self, options):
         self.options = options
-        self.folder = pathlib.Path(options.folder)
+        self.folder = self.work = pathlib.Path(options.folder)
         self.folder.mkdir(parents=True, exist_ok=True)
 
-    def slf(self, *arguments):
-        done = subprocess.run([self.options.slf, "-q", *map(str, arguments)], text=True,
-                              capture_output=True, check=False)
+    def run(self, program, *arguments):
+        if program == "entry_pictures":
+            program = pathlib.Path(self.options.slf).parents[1] / "benchmarks" / program
+        done = subprocess.run([program, *map(str, arguments)], text=True, capture_output=True,
+                              check=False)
         if done.returncode != 0:
-            sys.exit(f"slf {' '.join(map(str, arguments))}: {done.stderr}")
+            sys.exit(f"{program} {' '.join(map(str, arguments))}: {done.stderr}")
         return done.stdout
+
+    def slf(self, *arguments):
+        return self.run(self.options.slf, "-q", *arguments)
+
+    def json(self, *command):
+        return json.loads(self.run(*command))
+
+    def say(self, text):
+        print(text, file=sys.stderr, flush=True)
 
     def states(self):
         """The members of each state."""
@@ -57,7 +75,45 @@ class Benchmark:
                                    *shown))["psnr"]
         return float("inf") if found is None else found
 
-    def run(self):
+    def encoded(self, states, file):
+        """What encodes the rays of all states again, its bytes, and the PSNR of views of each."""
+        import numpy
+        from report import peers
+
+        if not self.options.quality and not self.options.film:
+            return
+        self.slf("build", self.options.volume, "--states", file, "-o", self.folder / "exact.slf",
+                 *self.options.build, "--codec", "zstd")
+        for quality in self.options.quality:
+            path = self.folder / "encoded.slf"
+            self.slf("repack", self.folder / "exact.slf", "-o", path, "-f", "--codec",
+                     f"predictive:{quality}")
+            size = sum(level["payload_bytes"]
+                       for level in json.loads(self.slf("info", path, "--json"))["levels"])
+            yield f"predictive:{quality}", size, [self.psnr(path, state, "--state", number)
+                                                  for number, state in enumerate(states)]
+        if not self.options.film:
+            return
+        exact, pictures = [], []
+        for number in range(len(states)):
+            exact.append(self.folder / f"exact-{number}.slf")
+            self.slf("repack", self.folder / "exact.slf", "--states", number, "-o", exact[-1])
+            pictures.append(peers.Pictures(self, exact[-1], f"state-{number}"))
+        film = numpy.stack([state.data for state in pictures], axis=1)
+        film[1::2] = film[1::2, ::-1]  # there and back
+        _, _, edge, _, _ = film.shape
+        truth = types.SimpleNamespace(path=self.folder / "film-truth.rgb", edge=edge,
+                                      count=film.shape[0] * film.shape[1])
+        film.tofile(truth.path)
+        for crf in self.options.film:
+            size, back = peers.film(self, truth, "AV1", crf)
+            back = back.reshape(film.shape)
+            back[1::2] = back[1::2, ::-1].copy()
+            psnr = [self.psnr(peers.recolored(self, exact[number], back[:, number], "recolored"),
+                              state) for number, state in enumerate(states)]
+            yield f"film, AV1, crf {crf}", size, psnr
+
+    def compare(self):
         states = self.states()
         build = self.options.build
         file = self.folder / "states.json"
@@ -66,7 +122,7 @@ class Benchmark:
         self.slf("build", self.options.volume, "--states", file, "-o", whole, *build)
         sphere = json.loads(self.slf("info", whole, "--json"))["sphere"]
         place = ["--center", ",".join(map(str, sphere["center"])), "--radius", sphere["radius"]]
-        added, alone, shared = [], [], []
+        added, alone, shared, found = [], [], [], []
         print("state           added    own field  share  same tiles   PSNR  own field")
         for number, state in enumerate(states):
             own_file = self.folder / f"own-{number}.slf"
@@ -81,6 +137,7 @@ class Benchmark:
             alone.append(sum(tile["payload_bytes"] for tile in own.values()))
             shared.append(sum(own[name]["payload_bytes"] for name in new))
             quality = [self.psnr(whole, state, "--state", number), self.psnr(own_file, state)]
+            found.append(quality[0])
             print(f"{state['name']:14} {added[-1]:9} {alone[-1]:11}   {added[-1] / alone[-1]:.3f}  "
                   f"{1 - len(new) / len(stored):10.3f}  {quality[0]:6.2f}  {quality[1]:6.2f}",
                   flush=True)
@@ -89,6 +146,10 @@ class Benchmark:
         for name, size in rows:
             print(f"{name:24} {size:10} bytes of payloads, {size / alone[0]:.2f} x the first alone")
         print(f"{'file of all':24} {whole.stat().st_size:10} bytes")
+        for name, size, psnr in self.encoded(states, file):
+            print(f"{name:24} {size:10} bytes, PSNR",
+                  " ".join(f"{theirs - ours:+.2f}" for ours, theirs in zip(found, psnr)), "dB",
+                  flush=True)
 
 
 def main():
@@ -102,11 +163,15 @@ def main():
     parser.add_argument("--times", action="store_true", help="time points instead of cuts")
     parser.add_argument("--depth", type=float, default=0.7, help="how far down the last cut is")
     parser.add_argument("--views", type=int, default=4)
+    parser.add_argument("--film", type=int, nargs="+", default=[], metavar="CRF",
+                        help="also as films of these qualities, 0 (best) to 63")
+    parser.add_argument("--quality", type=int, nargs="+", default=[], metavar="Q",
+                        help="also with these qualities of predictive, 1 to 100 (best)")
     arguments = sys.argv[1:]
     at = arguments.index("--") if "--" in arguments else len(arguments)
     options = parser.parse_args(arguments[:at])
     options.build = arguments[at + 1:]
-    Benchmark(options).run()
+    Benchmark(options).compare()
 
 
 if __name__ == "__main__":
