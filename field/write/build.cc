@@ -326,6 +326,10 @@ Result<OwnedJson> provenance_of(const Scene& scene) {
   return fail(ErrorCode::usage, "the scene's provenance is not a JSON object");
 }
 
+bool meet(const Sphere& a, const Sphere& b) {
+  return glm::distance(a.center, b.center) < a.radius + b.radius;
+}
+
 /// The manifest of a new field. usage: a setting, or a scene's bounds or provenance, is invalid.
 Result<Manifest> plan(std::span<const FieldState> states, const BuildOptions& options) {
   Manifest manifest;
@@ -337,8 +341,7 @@ Result<Manifest> plan(std::span<const FieldState> states, const BuildOptions& op
     return fail(ok.error().code, scene_bounds ? "around the scene's bounds: " : "",
                 ok.error().message);
   for (const FieldState& state : states)
-    if (const Sphere visible = state.scene->bounds();
-        !(glm::distance(center, visible.center) < radius + visible.radius))
+    if (const Sphere visible = state.scene->bounds(); !meet(manifest.shape.sphere, visible))
       return fail_without(
           "center", ErrorCode::usage, "a sphere of radius ", radius, " around ", text_of(center),
           " misses all that is visible", state.name.empty() ? "" : " of state ", state.name,
@@ -442,9 +445,11 @@ Result<BuildReport> build(const TileSource& source, Manifest manifest, const std
 }  // namespace
 
 Sphere bounds_of(std::span<const FieldState> states) {
-  Sphere sphere = states[0].scene->bounds();
+  const Sphere first = states[0].scene->bounds();
+  Sphere sphere = first;
   for (const FieldState& state : states.subspan(1))
-    sphere.radius = std::max(sphere.radius, state.scene->reach(sphere.center));
+    if (meet(first, state.scene->bounds()))
+      sphere.radius = std::max(sphere.radius, state.scene->reach(sphere.center));
   return sphere;
 }
 

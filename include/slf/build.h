@@ -82,8 +82,8 @@ struct FieldState {
                                               const BuildOptions& options,
                                               const ProgressCallback& progress = {});
 
-/// A sphere around everything that the states show; its centre is that of the first one's bounds().
-/// REQUIRES: there is a state.
+/// A sphere around everything that the states show, but those that lie elsewhere than the first
+/// one. Its centre is that of the first one's bounds(). REQUIRES: there is a state.
 [[nodiscard]] Sphere bounds_of(std::span<const FieldState> states);
 
 /// The same with several states on one sphere, by default bounds_of() them. Tiles whose

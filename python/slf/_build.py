@@ -75,7 +75,7 @@ def build(source: Any, out: Path, *, entry: int = 8, exit: int = 32, finest_leve
     with contextlib.ExitStack() as stack, reporter(progress, "build") as report:
         scenes = scenes_of(stack, source, states=states, each_label=each_label, report=report,
                            linear=half, folder=folder, threads=threads, sphere=whole, **settings)
-        bounds = scenes[0][1].bounds
+        bounds = Sphere(*_slf.bounds(scenes))
         sphere = Sphere(bounds.center if center is None else point(center),
                         bounds.radius if radius is None else float(radius))
         built = _slf.build(scenes, out, sphere, entry, exit, finest_level, entry_extra_levels,

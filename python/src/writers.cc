@@ -14,10 +14,18 @@ namespace {
 
 using Levels = std::array<std::optional<unsigned>, 2>;
 
-py::object build(const std::vector<std::pair<Text, SceneHandle>>& scenes, const Text& path,
-                 const SphereTuple& sphere, std::uint32_t entry, std::uint32_t exit,
-                 unsigned finest_level, unsigned entry_extra_levels, const std::string& codec,
-                 bool depth, bool half, unsigned threads, double commit_seconds, bool force,
+using Scenes = std::vector<std::pair<Text, SceneHandle>>;
+
+std::vector<FieldState> states_of(const Scenes& scenes) {
+  std::vector<FieldState> states;
+  for (const auto& [name, handle] : scenes) states.push_back({name, handle.scene.get()});
+  return states;
+}
+
+py::object build(const Scenes& scenes, const Text& path, const SphereTuple& sphere,
+                 std::uint32_t entry, std::uint32_t exit, unsigned finest_level,
+                 unsigned entry_extra_levels, const std::string& codec, bool depth, bool half,
+                 unsigned threads, double commit_seconds, bool force,
                  const std::pair<std::uint32_t, std::uint32_t>& shard, const Levels& only_levels,
                  const Text& coarser, py::object progress) {
   BuildOptions options;
@@ -34,10 +42,8 @@ py::object build(const std::vector<std::pair<Text, SceneHandle>>& scenes, const 
   options.replace = force;
   options.shard = {shard.first, shard.second, only_levels[0], only_levels[1], coarser};
   LongCall call(std::move(progress));
-  std::vector<FieldState> states;
-  for (const auto& [name, handle] : scenes) states.push_back({name, handle.scene.get()});
   auto built = scenes.front().second.trace(
-      call, [&] { return build_field(states, path, options, call.progress()); });
+      call, [&] { return build_field(states_of(scenes), path, options, call.progress()); });
   for (const auto& [name, handle] : scenes)
     if (handle.rays) handle.rays->rethrow();
   const auto report = value_of(std::move(built), path);
@@ -116,6 +122,7 @@ py::object evaluate(const OpenField& open, const SceneHandle& handle,
 
 void bind_writers(py::module_& module) {
   module.def("build", build);
+  module.def("bounds", [](const Scenes& scenes) { return tuple_of(bounds_of(states_of(scenes))); });
   module.def("repack", repack);
   module.def("merge", merge);
   module.def("diff", diff);
