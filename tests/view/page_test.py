@@ -1236,6 +1236,7 @@ class PageTest(unittest.TestCase):
             for width in (390, 650, 900, 1100):
                 page = self.browser.open(server.url, width, 600)
                 page.settle()
+                page.run("slf.root.getElementById('compass').hidden = false, 0")
                 views, *others = page.run("""['views', 'scale', 'compass'].map((id) =>
                     (({left, top, right, bottom}) => [left, top, right, bottom])(
                       slf.root.getElementById(id).getBoundingClientRect()))""")

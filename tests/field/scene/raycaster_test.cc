@@ -211,9 +211,12 @@ TEST(Raycaster, BoundsAreThoseOfTheVisibleCells) {
       return glm::ivec3(x, y, z) == at ? 100 : 0;
     });
     v.axes = glm::dmat3(2.0);
-    const Sphere s = make(std::move(v), ramp(50, 60, 0.9))->bounds();
+    const auto caster = make(std::move(v), ramp(50, 60, 0.9));
+    const Sphere s = caster->bounds();
     EXPECT_EQ(s.center, 2.0 * glm::dvec3(at));
     EXPECT_NEAR(s.radius, 2 * std::sqrt(3), 0.01);
+    EXPECT_EQ(caster->reach(s.center), s.radius);
+    EXPECT_NEAR(caster->reach(s.center + glm::dvec3(10, 0, 0)), std::hypot(12, 2, 2), 0.02);
   }
 }
 
@@ -409,6 +412,28 @@ TEST(Raycaster, AllScalarTypesAgree) {
   check(std::uint64_t{}, ScalarType::u64);
   check(std::int64_t{}, ScalarType::i64);
   check(double{}, ScalarType::f64);
+}
+
+TEST(Raycaster, SmallDifferencesOfLargeValuesShow) {
+  const auto f = [](int x, int y, int z) { return (x * x + y * 3 + z) % 100; };
+  const auto reference =
+      make(make_volume<float>({16, 15, 14}, ScalarType::f32, f), ramp(10, 90, 0.3));
+  const auto check = [&]<class T>(T far, ScalarType type) {
+    auto volume = make_volume<T>(
+        {16, 15, 14}, type, [&](int x, int y, int z) { return far + static_cast<T>(f(x, y, z)); });
+    volume.slope = 2;
+    volume.intercept = 1;
+    const double zero = 2 * static_cast<double>(far) + 1;
+    const auto other = make(std::move(volume), ramp(zero + 20, zero + 180, 0.3));
+    for (const Segment& ray : random_segments(reference->bounds(), 200, 6)) {
+      const RaySample s = other->trace(ray.from, ray.to), t = reference->trace(ray.from, ray.to);
+      for (int c = 0; c < 4; ++c) EXPECT_NEAR(s.rgba[c], t.rgba[c], 0.01) << name(type);
+    }
+  };
+  check(1e9, ScalarType::f64);
+  check(-1e9, ScalarType::f64);
+  check(std::int64_t{1} << 40, ScalarType::i64);
+  check(std::uint32_t{4'000'000'000}, ScalarType::u32);
 }
 
 TEST(Raycaster, LabelsAreNeverBlended) {

@@ -46,6 +46,8 @@ std::vector<Sample> samples_of_formats() {
       {"a.mif", "mrtrix image\ndim: 3", "MRtrix", "mrconvert"},
       {"a.am", "# AmiraMesh BINARY", "Amira"},
       {"a.pvm", "PVM2\n", "PVM"},
+      {"a.pvd", "<?xml version=\"1.0\"?>\n<VTKFile type=\"Collection\"></VTKFile>",
+       "give one of the files that it lists"},
       {"a.vtu", "<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\"></VTKFile>",
        "a VTK file of 'UnstructuredGrid'"},
       {"a.vtp", "<VTKFile type=\"PolyData\"></VTKFile>", "a VTK file of 'PolyData'"},
