@@ -124,6 +124,7 @@ Result<RayVoxels> ray_voxels(Volume& volume) {
   volume.share();
   made.bytes = volume.borrowed;
   made.type = volume.type;
+  made.intercept = volume.intercept;
   return made;
 }
 
@@ -177,6 +178,7 @@ Result<std::unique_ptr<VolumeScene>> make_volume_scene(Volume volume,
   v.voxels.clear();
   v.borrowed = voxels.bytes;
   v.type = voxels.type;
+  v.intercept = voxels.intercept;
   float contrast = 1;
   if (v.labels) {
     const auto& only = options.parts.only;

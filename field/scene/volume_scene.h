@@ -17,6 +17,7 @@ namespace slf {
 struct RayVoxels {
   std::shared_ptr<const std::byte> bytes{};
   ScalarType type = ScalarType::u8;
+  double intercept = 0;
   std::vector<double> labels{};  ///< of a volume of labels: the id that each number stands for
   std::array<float, 2> range{};  ///< of amounts: the least and greatest finite one, as stored
   bool finite = true;            ///< whether there is one

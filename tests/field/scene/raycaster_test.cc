@@ -424,7 +424,10 @@ TEST(Raycaster, SmallDifferencesOfLargeValuesShow) {
     volume.slope = 2;
     volume.intercept = 1;
     const double zero = 2 * static_cast<double>(far) + 1;
-    const auto other = make(std::move(volume), ramp(zero + 20, zero + 180, 0.3));
+    RaycastOptions shared;
+    shared.shared = share_scenes();
+    make(volume, ramp(zero + 20, zero + 180, 0.3), shared);
+    const auto other = make(std::move(volume), ramp(zero + 20, zero + 180, 0.3), shared);
     for (const Segment& ray : random_segments(reference->bounds(), 200, 6)) {
       const RaySample s = other->trace(ray.from, ray.to), t = reference->trace(ray.from, ray.to);
       for (int c = 0; c < 4; ++c) EXPECT_NEAR(s.rgba[c], t.rgba[c], 0.01) << name(type);
