@@ -59,15 +59,16 @@ std::vector<std::string> option_names(const CLI::App& command) {
   return names;
 }
 
-/// The option that a message of CLI11 is about: the first that it names. Errors of CLI11 do not say
-/// so in any other way.
+/// The option that a message of CLI11 is about: the last that it names, which another one requires
+/// or excludes. Errors of CLI11 do not say so in any other way.
 const CLI::Option* option_of(const CLI::App& command, const std::string& message) {
+  const CLI::Option* found = nullptr;
   std::istringstream words(message);
   for (std::string word; words >> word;) {
     if (word.ends_with(':')) word.pop_back();
-    if (const CLI::Option* const option = command.get_option_no_throw(word)) return option;
+    if (const CLI::Option* const option = command.get_option_no_throw(word)) found = option;
   }
-  return nullptr;
+  return found;
 }
 
 void add_help(CLI::App& app, Run& run) {

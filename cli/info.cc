@@ -162,24 +162,21 @@ void print_mesh(const Mesh& mesh) {
         mesh.normals.empty() ? "none in the file: made smooth below 60 degrees" : "of the file");
 }
 
-nlohmann::json series_json(const VolumeSeries& series) {
-  nlohmann::json json{{"id", series.id},
-                      {"uid", series.uid},
-                      {"number", series.number},
-                      {"description", series.description},
-                      {"modality", series.modality},
-                      {"slices", series.slices},
-                      {"dims", series.dims},
-                      {"type", name(series.type)},
-                      {"components", series.components},
-                      {"times", series.times}};
-  if (!series.problem.empty()) json["problem"] = series.problem;
-  return json;
-}
-
 nlohmann::json series_json(const SeriesList& list) {
   nlohmann::json json = nlohmann::json::array();
-  for (const VolumeSeries& series : list.series) json.push_back(series_json(series));
+  for (const VolumeSeries& series : list.series) {
+    json.push_back({{"id", series.id},
+                    {"uid", series.uid},
+                    {"number", series.number},
+                    {"description", series.description},
+                    {"modality", series.modality},
+                    {"slices", series.slices},
+                    {"dims", series.dims},
+                    {"type", name(series.type)},
+                    {"components", series.components},
+                    {"times", series.times}});
+    if (!series.problem.empty()) json.back()["problem"] = series.problem;
+  }
   return json;
 }
 

@@ -1,7 +1,6 @@
 #include "slf/repack.h"
 
 #include <algorithm>
-#include <filesystem>
 #include <map>
 
 #include "base/try.h"

@@ -10,7 +10,6 @@
 #include <bit>
 #include <cstdint>
 #include <cstdlib>
-#include <span>
 
 #include "codec/dct.h"
 #include "codec/zigzag.h"

@@ -5,7 +5,6 @@
 #pragma once
 
 #include <cstdint>
-#include <span>
 
 #include "base/bytes.h"
 #include "codec/codec.h"

@@ -1,7 +1,5 @@
 #include "codec/dct.h"
 
-#include <algorithm>
-
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "codec/dct.cc"
 #include <hwy/foreach_target.h>  // compiles this file once per instruction set

@@ -12,7 +12,6 @@
 #include "codec/mosaic.h"
 #include "codec/reference_coder.h"
 #include "codec/scratch.h"
-#include "codec/zigzag.h"
 
 namespace slf::codec {
 namespace {

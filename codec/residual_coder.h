@@ -2,8 +2,6 @@
 // encoder and decoder: Coder is RangeEncoder or RangeDecoder.
 #pragma once
 
-#include <algorithm>
-#include <bit>
 #include <cstdint>
 #include <cstdlib>
 

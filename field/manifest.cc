@@ -1,8 +1,6 @@
 #include "field/manifest.h"
 
 #include <algorithm>
-#include <bit>
-#include <cmath>
 
 #include "base/try.h"
 #include "codec/codec.h"

@@ -1,7 +1,5 @@
 #include "storage/internal/container.h"
 
-#include <span>
-
 #include "storage/internal/record.h"
 
 namespace slf::storage::internal {

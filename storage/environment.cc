@@ -12,13 +12,10 @@
 #include <cstdlib>
 #include <map>
 #include <memory>
-#include <string_view>
-#include <utility>
 
 #include "base/file.h"
 #include "base/guarded.h"
 #include "base/try.h"
-#include "storage/internal/container.h"
 #include "storage/internal/pages.h"
 
 namespace slf::storage::internal {

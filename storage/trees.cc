@@ -1,7 +1,6 @@
 #include "storage/internal/trees.h"
 
 #include <algorithm>
-#include <span>
 
 #include "base/try.h"
 

@@ -7,7 +7,6 @@
 #include <array>
 #include <filesystem>
 #include <initializer_list>
-#include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <utility>

@@ -9,7 +9,6 @@
 #include <string>
 #include <vector>
 
-#include "field/structure_looks.h"
 #include "slf/error.h"
 #include "slf/field.h"
 #include "slf/shape.h"

@@ -1,7 +1,5 @@
 #include "field/tiles/loaded_tiles.h"
 
-#include <algorithm>
-
 namespace slf {
 
 LoadedTile* LoadedTiles::find(TileKey key) const {

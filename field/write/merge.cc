@@ -1,7 +1,5 @@
 #include "slf/merge.h"
 
-#include <filesystem>
-
 #include "base/parallel.h"
 #include "base/reporter.h"
 #include "base/try.h"

@@ -1,7 +1,5 @@
 #include "field/write/shard_plan.h"
 
-#include <numeric>
-
 #include "field/predict/references.h"
 
 namespace slf {

@@ -7,11 +7,9 @@
 #pragma once
 
 #include <array>
-#include <compare>
 #include <cstdint>
 #include <optional>
 #include <span>
-#include <vector>
 
 #include "base/bytes.h"
 #include "slf/error.h"

@@ -7,7 +7,6 @@
 // bytes for the module to the memory that slf_buffer() returns. In tiles that go in and out, the
 // bits of a level from 8 on are the state of the object that the tile shows.
 
-#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <cstring>
