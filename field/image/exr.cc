@@ -210,7 +210,10 @@ Result<Image> decode_exr(const std::string& name, ByteSpan bytes) try {
   Imf::InputFile file(stream, /*numThreads=*/0);
   return crop(read_data_window(file), file.header().dataWindow(), file.header().displayWindow());
 } catch (const std::exception& error) {
-  return bad_file(name, "damaged OpenEXR: ", error.what());
+  std::string what = error.what();
+  constexpr std::string_view kStream = " from image file \"(string)\"";  // nothing to a reader
+  if (const auto at = what.find(kStream); at != std::string::npos) what.erase(at, kStream.size());
+  return bad_file(name, "damaged OpenEXR: ", what);
 }
 
 }  // namespace slf::image_formats
