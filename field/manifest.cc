@@ -168,7 +168,9 @@ OwnedJson Manifest::to_json() const {
   using nlohmann::json;
   OwnedJson owned = json::object();
   json& all = *owned;
-  all["slf"] = {{"major", kMajor}, {"minor", 0}};
+  all["slf"] = json::object();  // no shorter: see base/owned_json.h
+  all["slf"]["major"] = kMajor;
+  all["slf"]["minor"] = 0;
   all["required"] = json::array();
   if (codec::is_predictive(codec)) all["required"].push_back(kPredictive);
   if (!states.empty()) all["required"].push_back(kStates);
@@ -177,8 +179,10 @@ OwnedJson Manifest::to_json() const {
     one["name"] = state.name;
     if (!state.provenance->empty()) one["provenance"] = *state.provenance;
   }
-  const glm::dvec3& center = shape.sphere.center;
-  all["sphere"] = {{"center", {center.x, center.y, center.z}}, {"radius", shape.sphere.radius}};
+  all["sphere"] = json::object();
+  all["sphere"]["center"] = json::array();
+  for (int axis = 0; axis < 3; ++axis) all["sphere"]["center"].push_back(shape.sphere.center[axis]);
+  all["sphere"]["radius"] = shape.sphere.radius;
   all["entry_side"] = shape.entry_side;
   all["exit_side"] = shape.exit_side;
   all["levels"] = shape.levels;
@@ -188,9 +192,13 @@ OwnedJson Manifest::to_json() const {
   all["provenance"] = *provenance;
   if (!shape.subfields.empty()) all["subfields"] = shape.subfields;
   all["filtered_levels"] = filtered_levels;
-  if (part)
-    all["part"] = {{"begin", {part->begin.level, part->begin.index}},
-                   {"end", {part->end.level, part->end.index}}};
+  if (!part) return owned;
+  all["part"] = json::object();
+  for (const auto& [name, key] : {std::pair{"begin", part->begin}, {"end", part->end}}) {
+    all["part"][name] = json::array();
+    all["part"][name].push_back(key.level);
+    all["part"][name].push_back(key.index);
+  }
   return owned;
 }
 

@@ -435,10 +435,12 @@ Sphere bounds_of(std::span<const FieldState> states) {
   for (const FieldState& state : states.subspan(1)) {
     const auto [center, radius] = state.scene->bounds();
     const double apart = glm::distance(all.center, center);
-    if (apart + radius <= all.radius) continue;
-    const double half = apart + all.radius > radius ? (apart + all.radius + radius) / 2 : radius;
-    if (apart > 0) all.center += (half - all.radius) / apart * (center - all.center);
-    all.radius = half;
+    if (apart + all.radius <= radius) {
+      all = {center, radius};
+    } else if (apart + radius > all.radius) {
+      const double half = (apart + all.radius + radius) / 2;
+      all = {all.center + (half - all.radius) / apart * (center - all.center), half};
+    }
   }
   const auto around = [&](const glm::dvec3& center) {
     double reach = 0;

@@ -75,7 +75,8 @@ struct StateSource {
 /// state: repack_field(). All states of one local field, as they are: merge_fields() of it, which
 /// copies payloads. Else all tiles are encoded again, as by repack_field(), which has the options
 /// and errors; those whose decoded samples are equal are stored once. usage: fields that do not fit
-/// together; a state without a name, or with that of another. tile_missing: a field is not complete.
+/// together; a state without a name, or with that of another. tile_missing: a field is not
+/// complete.
 [[nodiscard]] Result<RepackReport> join_states(std::span<const StateSource> states,
                                                const std::string& path,
                                                const RepackOptions& options,

@@ -280,7 +280,8 @@ TEST(TransferPreset, SaysWhatIsWrong) {
   expect(property, "4 0 0 9 1", "5 0 0 9 1", "VolumeProperty 'p': scalarOpacity: begins with '5'");
   expect(property, "4 0 0 0 1", "4 0 0 0 2", "VolumeProperty 'p': colorTransfer: number 4 is 2");
   expect(property, "scalarOpacity", "opacity", "VolumeProperty 'p': scalarOpacity: is empty");
-  expect(R"({"IndexedColors": [1, 0]})", "", "", "IndexedColors is an array of 2, expected 3 numbers a point");
+  expect(R"({"IndexedColors": [1, 0]})", "", "",
+         "IndexedColors is an array of 2, expected 3 numbers a point");
   expect(R"({"IndexedColors": [1, 0, 7]})", "", "", "IndexedColors[2] is 7, expected 0 to 1");
   expect(R"({"volumeProperties": [{"components": []}]})", "", "", "[0].RGBPoints is missing");
 }
