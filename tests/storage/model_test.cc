@@ -98,9 +98,9 @@ class History {
            {key, TileKey{key.level, key.index + 1}, TileKey{key.level, key.index - 1}}) {
         const auto found = store->find(near);
         RC_ASSERT(found.has_value());
-        const auto expected = kept_.find(near);
+        const auto kept = kept_.find(near);
         const bool lost = same_.contains(near) && shown_bytes(near).empty();
-        RC_ASSERT((found->state == TileState::missing) == (expected == kept_.end() || lost));
+        RC_ASSERT((found->state == TileState::missing) == (kept == kept_.end() || lost));
         if (found->state == TileState::missing) continue;
         RC_ASSERT((found->source != near) == same_.contains(near));
         const auto seen = find_whole(*store, near);
