@@ -95,13 +95,14 @@ Result<std::vector<NamedScene>> make_states(const std::string& file,
     for (unsigned time = 0;; ++time) {
       if (all) state["time"] = time;
       auto own = arguments_of(state, common);
-      if (own && time > 0 && !own->reading.labels) {  // values keep their colours over time
-        own->transfer.clear(), own->range.reset();
-        own->make_transfer = [first = made.scenes().back().scene](const Volume& volume) {
-          if (volume.labels) return Result<TransferFunction>(default_transfer(volume));
-          const auto built = nlohmann::json::parse(first->provenance());
-          return parse_transfer(built["transfer"].dump(), "the first time");
-        };
+      if (own && time > 0) {  // values keep their colours over time
+        const auto before = nlohmann::json::parse(made.scenes().back().scene->provenance());
+        if (!before.value("labels", false)) {
+          own->transfer.clear(), own->range.reset();
+          own->make_transfer = [colors = before["transfer"].dump()](const Volume&) {
+            return parse_transfer(colors, "the first time");
+          };
+        }
       }
       auto ok = own ? made.add(all ? fmt::format("{} {}", stem, time) : stem, *own,
                                text_of(state, kLightFrom, ""))

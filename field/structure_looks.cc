@@ -15,8 +15,8 @@
 namespace slf {
 namespace {
 
-/// Whether a pattern fits a name, character by character. fnmatch() compares bytes, so one byte
-/// stands for each character of several, in their order.
+/// Whether a pattern fits a name, character by character. fnmatch() compares bytes, glibc's also
+/// under a UTF-8 locale, so one byte stands for each character of several, in their order.
 bool fits(std::string pattern, std::string name) {
   const auto character = [](const std::string& text, std::size_t at) {
     std::size_t end = at + 1;

@@ -431,6 +431,7 @@ Result<BuildReport> build(const TileSource& source, Manifest manifest, const std
 
 Sphere bounds_of(std::span<const FieldState> states) {
   const Sphere first = states[0].scene->bounds();
+  if (states.size() == 1) return first;
   Sphere all = first;  // around the spheres of all
   for (const FieldState& state : states.subspan(1)) {
     const auto [center, radius] = state.scene->bounds();
