@@ -118,9 +118,10 @@ template <std::integral T>
 /// Prints rows of cells, which are separated by tabs. All columns but the first are right-aligned.
 void print_table(const std::vector<std::string>& rows);
 
-/// Makes malloc keep freed memory. Commands that copy tiles allocate records of about 100 KiB;
-/// mapping and unmapping each of these would take longer than copying it.
-void keep_freed_memory();
+/// Makes malloc return freed blocks above 1/256 of a command's budget to the system, and keep
+/// smaller ones, because mapping each anew would take longer than copying it. If it kept large
+/// ones, the heap would grow without end, in pieces that are too small for the next tile.
+void bound_freed_memory(std::uint64_t budget);
 
 // ---- fields ------------------------------------------------------------------------------------
 

@@ -14,7 +14,7 @@ struct MergeArguments {
 };
 
 Result<void> run_merge(const MergeArguments& a) {
-  keep_freed_memory();
+  bound_freed_memory(a.merge.memory);
   const auto report =
       merge_fields(a.parts, a.output, a.merge, progress_bar("merge", "tiles", OnSignal::stop));
   if (!report && report.error().choice && std::string_view(report.error().choice) == "part")

@@ -82,10 +82,11 @@ std::string human_bytes(double bytes) {
 
 std::string human_count(double count) { return scaled(count, 1000, {"", "k", "M", "G", "T"}); }
 
-void keep_freed_memory() {
+void bound_freed_memory(std::uint64_t budget) {
 #ifdef __GLIBC__
-  mallopt(M_MMAP_THRESHOLD, 32 << 20);
-  mallopt(M_TRIM_THRESHOLD, 256 << 20);
+  const auto most = static_cast<int>(std::min<std::uint64_t>(budget, 1 << 30));
+  mallopt(M_MMAP_THRESHOLD, most / 256);
+  mallopt(M_TRIM_THRESHOLD, most / 4);
 #endif
 }
 

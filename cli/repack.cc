@@ -61,7 +61,7 @@ Result<void> split(const RepackArguments& a, std::span<const StateSource> states
 }
 
 Result<void> run_repack(const RepackArguments& a) {
-  keep_freed_memory();
+  bound_freed_memory(a.repack.memory);
   RepackOptions options = a.repack;
   options.light = !a.no_light;
   options.subfields = a.subfields.numbers;

@@ -52,8 +52,13 @@ TileMemory::Block TileMemory::allocate(std::size_t bytes) {
   free.entries_ = new_entries();
   const std::lock_guard lock(mutex_);
   const auto found = free_by_size_.lower_bound({free.bytes_, 0});  // the smallest that fits
-  if (found == free_by_size_.end())
-    return {static_cast<std::byte*>(::operator new(free.bytes_, std::align_val_t(kLine))), {}};
+  if (found == free_by_size_.end()) {
+    // Not aligned_alloc(): glibc before 2.38 cannot reuse what that frees for a block of equal size.
+    free.heap_ = std::make_unique_for_overwrite<std::byte[]>(free.bytes_ + kLine);
+    const auto at = reinterpret_cast<std::uintptr_t>(free.heap_.get());
+    std::byte* const block = free.heap_.get() + (whole_lines(at) - at);
+    return {block, std::move(free)};
+  }
   free.memory_ = this;
   const auto [had, begin] = *found;
   Entries entries{free_.extract(begin), free_by_size_.extract(found)};
@@ -62,7 +67,7 @@ TileMemory::Block TileMemory::allocate(std::size_t bytes) {
 }
 
 void TileMemory::Free::operator()(std::byte* block) noexcept {
-  if (!memory_) return ::operator delete(block, std::align_val_t(kLine));
+  if (!memory_) return heap_.reset();
   const std::lock_guard lock(memory_->mutex_);
   memory_->add_free(static_cast<std::uint64_t>(block - memory_->base_), bytes_,
                     std::move(entries_));

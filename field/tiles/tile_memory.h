@@ -56,7 +56,8 @@ class TileMemory::Free {
 
  private:
   friend class TileMemory;
-  TileMemory* memory_ = nullptr;  // null: the block is from the heap
+  TileMemory* memory_ = nullptr;  // null: the block is in `heap_`
+  std::unique_ptr<std::byte[]> heap_;
   std::size_t bytes_ = 0;
   Entries entries_;
 };
