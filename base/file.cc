@@ -68,8 +68,10 @@ Result<void> end_of_publishing(const std::string& to, const std::string& folder,
 }  // namespace
 
 tl::unexpected<Error> io_error(const std::string& path, std::string_view doing, int cause) {
-  return fail(cause == ENOENT ? ErrorCode::not_found : ErrorCode::io, path, ": ", doing, ": ",
-              std::generic_category().message(cause));
+  const ErrorCode code = cause == ENOENT   ? ErrorCode::not_found
+                         : cause == ENOMEM ? ErrorCode::out_of_memory
+                                           : ErrorCode::io;
+  return fail(code, path, ": ", doing, ": ", std::generic_category().message(cause));
 }
 
 Descriptor::~Descriptor() {

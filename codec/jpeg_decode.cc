@@ -5,6 +5,8 @@
 #include <cstddef>
 #include <cstdio>
 
+#include <jerror.h>
+
 #include <cassert>
 #include <csetjmp>
 #include <cstring>
@@ -67,12 +69,7 @@ Bytes stream_of(const JpegTables& tables, const JpegShape& shape, ByteSpan scan)
 // A decompressor; each thread keeps one from tile to tile.
 class Decompressor {
  public:
-  Decompressor() {
-    info_.err = init(errors_);
-    if (setjmp(errors_.jump)) return;
-    jpeg_create_decompress(&info_);
-    created_ = true;
-  }
+  Decompressor() = default;
   ~Decompressor() {
     if (created_) jpeg_destroy_decompress(&info_);
   }
@@ -81,10 +78,14 @@ class Decompressor {
 
   // Returns null, or a message if it fails.
   const char* decode(ByteSpan stream, const JpegShape& shape, std::uint8_t* pixels) {
-    if (!created_) return "out of memory";
     if (setjmp(errors_.jump)) {
-      jpeg_abort_decompress(&info_);
+      if (created_) jpeg_abort_decompress(&info_);
       return errors_.message;
+    }
+    if (!created_) {
+      info_.err = init(errors_);
+      jpeg_create_decompress(&info_);
+      created_ = true;
     }
     jpeg_mem_src(&info_, reinterpret_cast<const unsigned char*>(stream.data()), stream.size());
     jpeg_read_header(&info_, TRUE);
@@ -100,6 +101,12 @@ class Decompressor {
     }
     jpeg_finish_decompress(&info_);
     return nullptr;
+  }
+
+  // Why it failed.
+  [[nodiscard]] ErrorCode code() const {
+    return errors_.base.msg_code == JERR_OUT_OF_MEMORY ? ErrorCode::out_of_memory
+                                                       : ErrorCode::bad_file;
   }
 
  private:
@@ -130,7 +137,7 @@ Result<void> decode_scan(const JpegTables& tables, const JpegShape& shape, ByteS
   thread_local Decompressor decompressor;
   const Bytes stream = stream_of(tables, shape, scan);
   if (const char* wrong = decompressor.decode(stream, shape, pixels.data()))
-    return bad_file("JPEG", wrong);
+    return fail(decompressor.code(), "JPEG: ", wrong);
   return {};
 }
 

@@ -241,9 +241,10 @@ Result<void> Environment::allow_reuse() {
 
 tl::unexpected<Error> Environment::error(int code, const char* doing) const {
   if (code == EIO && is_full(environment_)) code = ENOSPC;
-  ErrorCode kind = code == ENOENT ? ErrorCode::not_found
-                   : code > 0     ? ErrorCode::io
-                                  : ErrorCode::failed;
+  ErrorCode kind = code == ENOENT   ? ErrorCode::not_found
+                   : code == ENOMEM ? ErrorCode::out_of_memory
+                   : code > 0       ? ErrorCode::io
+                                    : ErrorCode::failed;
   // MDB_KEYEXIST: the tree has records after its last one.
   if (code == MDB_CORRUPTED || code == MDB_PAGE_NOTFOUND || code == MDB_INVALID ||
       code == MDB_KEYEXIST)

@@ -6,8 +6,10 @@
 #include <unistd.h>
 
 #include <cerrno>
-#include <cstring>
 #include <mutex>
+#include <string>
+
+#include "base/file.h"
 
 namespace slf::storage::internal {
 namespace {
@@ -97,8 +99,7 @@ void GuardedRange::Release::operator()(MapSlot* slot) const {
 
 Result<MappedFile> MappedFile::map(int file, std::size_t bytes, const std::string& path) {
   void* base = mmap(nullptr, bytes, PROT_READ, MAP_SHARED, file, 0);
-  if (base == MAP_FAILED)
-    return fail(ErrorCode::io, path, ": cannot map ", bytes, " bytes: ", std::strerror(errno));
+  if (base == MAP_FAILED) return io_error(path, "cannot map " + std::to_string(bytes) + " bytes");
   (void)madvise(base, bytes, MADV_RANDOM);
   MappedFile result;
   result.file_ = file;

@@ -113,7 +113,7 @@ Result<Record> Record::parse(ByteSpan value, std::uint64_t size) {
   std::uint64_t payload = record.payloads_;
   for (std::uint32_t i = 0; i < record.count_; ++i) {
     const auto tile = take_code(table, record.has_same_);
-    if (!tile || tile->back > state_of(record.first_))
+    if (!tile || tile->back > state_of({record.first_.level, record.first_.index + i}))
       return fail(ErrorCode::bad_file, "the record's table is damaged");
     if (tile->state != TileState::stored) continue;
     ++stored;

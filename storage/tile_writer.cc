@@ -373,8 +373,10 @@ Result<Edit*> TileWriter::State::edit(TileKey key) {
     edit.first = record->first();
     for (internal::Record::Walk walk(*record); walk.next();) edit.tiles.push_back(walk.tile());
   } else {
-    const bool same_level = before && before->level == last->level;
-    const std::uint64_t room = same_level ? last->index - before->index - 1 : last->index;
+    SLF_TRY(base->unchanged());  // else the disk may be what is damaged
+    std::uint64_t room = slf::in_state(*last, 0).index;  // no record has tiles of two states
+    if (before && before->level == last->level && state_of(*before) == state_of(*last))
+      room = last->index - before->index - 1;
     edit.first.index -= std::min(room, internal::kMaxTiles - 1);
     edit.tiles.resize(last->index - edit.first.index + 1);
   }

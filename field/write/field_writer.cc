@@ -147,10 +147,12 @@ void FieldWriter::set_pending_limit(std::uint64_t bytes) {
   pending_limit_ = std::clamp<std::uint64_t>(bytes, 1, kPendingLimit);
 }
 
-/// Adds to the message of an io error what happens to the file.
+/// Adds to the message of an error of the system what happens to the file.
 Result<void> FieldWriter::with_file_state(Result<void> written) const {
-  if (written || written.error().code != ErrorCode::io) return written;
-  return fail(ErrorCode::io, output_ ? output_->path + ": not written: " : "",
+  if (written || (written.error().code != ErrorCode::io &&
+                  written.error().code != ErrorCode::out_of_memory))
+    return written;
+  return fail(written.error().code, output_ ? output_->path + ": not written: " : "",
               written.error().message,
               discard_ ? "; no file remains"
                        : "; what was committed stays, and the same call goes on from there");

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <optional>
 
+#include "base/guarded.h"
 #include "base/parallel.h"
 #include "base/reporter.h"
 #include "base/try.h"
@@ -49,26 +50,22 @@ class Verifier {
     if (report_.findings.size() < kMaxFindings)
       report_.findings.push_back({kind, std::move(message)});
   }
-  /// `repair`: what to drop, one tile or the record that ends with it.
-  void add(FindingKind kind, std::string message, TileKey repair) {
-    add(kind, std::move(message));
-    if (options_.fix) repairs_.push_back(repair);
+  /// Adds damage that the bytes prove, bad_file. Returns any other error, such as out_of_memory or
+  /// io: it says nothing about the bytes, and ends the check. `repair`: what to drop, one tile or
+  /// the record that ends with it.
+  Result<void> add(FindingKind kind, const Error& error, std::optional<TileKey> repair = {}) {
+    if (error.code != ErrorCode::bad_file) return tl::unexpected(error);
+    add(kind, error.message);
+    if (repair && options_.fix) repairs_.push_back(*repair);
+    return {};
   }
 
   Result<void> check(const std::string& path) {
     auto store = storage::TileStore::open(path);
-    if (!store) {
-      if (store.error().code != ErrorCode::bad_file) return tl::unexpected(store.error());
-      add(FindingKind::structure, store.error().message);
-      return {};
-    }
+    if (!store) return add(FindingKind::structure, store.error());
     SLF_TRY(check_structure(*store));
     const auto field = FieldFile::open(*store, FieldFile::kAllStates);
-    if (!field) {
-      if (field.error().code != ErrorCode::bad_file) return tl::unexpected(field.error());
-      add(FindingKind::manifest, field.error().message);
-      return {};
-    }
+    if (!field) return add(FindingKind::manifest, field.error());
     transaction_ = (*field)->store().transaction();
     return check_tiles(**field);
   }
@@ -76,20 +73,15 @@ class Verifier {
   Result<void> check_structure(const storage::TileStore& store) {
     std::vector<Error> structural;
     store.check_structure(structural);
-    for (const Error& error : structural) {
-      if (error.code == ErrorCode::io) return tl::unexpected(error);
-      add(FindingKind::structure, error.message);
-    }
+    for (const Error& error : structural) SLF_TRY(add(FindingKind::structure, error));
     return {};
   }
 
-  /// io: bytes of the file cannot be read.
   Result<void> check_light(const FieldFile& field) {
     if (options_.quick) return {};
     const auto light = field.light();
     if (light) return {};
-    if (light.error().code == ErrorCode::io) return tl::unexpected(light.error());
-    add(FindingKind::light, light.error().message);
+    SLF_TRY(add(FindingKind::light, light.error()));
     drop_light_ = options_.fix;
     return {};
   }
@@ -104,46 +96,44 @@ class Verifier {
     TileCache tiles(field, kMemory);
     std::vector<std::uint64_t> found(field.shape().levels + 1);
     std::vector<TileRef> batch;
-    bool stopped = false;
-    std::optional<Error> unreadable;
-    auto visited = field.store().visit(
+    Result<void> checked;
+    const auto visited = field.store().visit(
         {0, 0}, {255, 0},
         [&](const TileRef& tile) -> Result<void> {
+          SLF_TRY(checked);  // what damage met
           ++report_.tiles;
           report_.payload_bytes += tile.payload.size();
-          if (!field.shape().has(tile.key)) {
-            add(FindingKind::key, field.place(tile.key) + ": this field has no such tile",
+          if (!field.shape().has(tile.key))
+            return add(
+                FindingKind::key,
+                {ErrorCode::bad_file, field.place(tile.key) + ": this field has no such tile"},
                 tile.key);
-            return {};
-          }
           if (field.manifest().holds(tile.key)) ++found[tile.key.level];
           if (tile.state == TileState::stored) batch.push_back(tile);
-          if (tile.state == TileState::same) check_same(field, tile);
-          if (batch.size() == kCheckedTogether)
-            if (auto ok = check_payloads(tiles, batch); !ok) return stopped = true, ok;
-          auto ok = reporter.add(1);
-          stopped = !ok;
-          return ok;
+          if (tile.state == TileState::same) checked = check_same(field, tile);
+          if (checked && batch.size() == kCheckedTogether) checked = check_payloads(tiles, batch);
+          if (checked) checked = reporter.add(1);
+          return checked;
         },
         [&](const storage::Damage& damage) {
-          if (damage.code == ErrorCode::io) unreadable = damage;
-          add(FindingKind::record, damage.message, damage.last);
+          if (auto ok = add(FindingKind::record, damage, damage.last); !ok) checked = ok;
         });
-    if (stopped) return visited;
-    if (unreadable) return tl::unexpected(*unreadable);
-    if (!visited) add(FindingKind::structure, visited.error().message);
+    SLF_TRY(std::move(checked));
+    if (!visited) SLF_TRY(add(FindingKind::structure, visited.error()));
     SLF_TRY(check_payloads(tiles, batch));
     for (unsigned level = 0; level < found.size(); ++level)
       compare_count(field, level, found[level]);
     return {};
   }
 
-  void check_same(const FieldFile& field, const TileRef& tile) {
+  Result<void> check_same(const FieldFile& field, const TileRef& tile) {
     const auto found = field.store().find(tile.key);
+    if (!found && found.error().code != ErrorCode::bad_file) return tl::unexpected(found.error());
     if (!found || found->state == TileState::missing)
       add(FindingKind::reference,
           field.place(tile.key) + ": tile " + storage::name(tile.source) +
               ", which it is the same as, is missing; build the field again");
+    return {};
   }
 
   void compare_count(const FieldFile& field, unsigned level, std::uint64_t found) {
@@ -161,52 +151,53 @@ class Verifier {
       std::vector<TileKey> keys(tiles.size());
       std::ranges::transform(tiles, keys.begin(), &TileRef::key);
       const FoundTiles found = cache.locate(keys);
-      std::vector<Result<std::optional<Finding>>> findings(tiles.size());
+      std::vector<Fault> faults(tiles.size());
       auto checked = parallel_for(tiles.size(), options_.threads, [&](std::uint64_t k) {
-        findings[k] = check_payload(cache, tiles[k], found);
+        faults[k] = check_payload(cache, tiles[k], found);
       });
       cache.field().store().release(tiles);
       if (!checked) return checked;
       for (std::size_t k = 0; k < tiles.size(); ++k) {
-        if (!findings[k]) return tl::unexpected(findings[k].error());
-        std::optional<Finding>& finding = *findings[k];
-        if (finding && finding->kind == FindingKind::reference)
-          add(finding->kind, std::move(finding->message));
-        else if (finding)
-          add(finding->kind, std::move(finding->message), tiles[k].key);
+        if (faults[k].kind == FindingKind::reference)
+          add(FindingKind::reference, std::move(faults[k].error->message));
+        else if (faults[k].error)
+          SLF_TRY(add(faults[k].kind, *faults[k].error, tiles[k].key));
       }
     }
     tiles.clear();
     return {};
   }
 
-  /// io: bytes of the file cannot be read.
-  static Result<std::optional<Finding>> check_payload(TileCache& tiles, const TileRef& tile,
-                                                      const FoundTiles& found) {
+  /// What is wrong with a tile, or what kept it from being checked.
+  struct Fault {
+    FindingKind kind = FindingKind::decode;
+    std::optional<Error> error{};
+  };
+  static Fault check_payload(TileCache& tiles, const TileRef& tile, const FoundTiles& found) {
     const FieldFile& field = tiles.field();
-    if (auto ok = field.store().check(tile); !ok) {
-      if (ok.error().code == ErrorCode::io) return tl::unexpected(ok.error());
-      return Finding{FindingKind::checksum, ok.error().message};
-    }
-    const auto ok = tiles.read(tile.key, found);
-    if (ok) return std::nullopt;
-    if (ok.error().code == ErrorCode::io) return tl::unexpected(ok.error());
+    if (auto ok = field.store().check(tile); !ok) return {FindingKind::checksum, ok.error()};
+    const auto read = tiles.read(tile.key, found);
     // In a part, the tiles that this one is predicted from may be in another file. Then only its
     // checksum can be checked.
-    if (field.manifest().part && ok.error().code == ErrorCode::tile_missing) return std::nullopt;
-    if (!references_decode(tiles, tile))
-      return Finding{FindingKind::reference, field.place(tile.key) + ": " + ok.error().message};
-    return Finding{FindingKind::decode, ok.error().message};
+    if (read || (field.manifest().part && read.error().code == ErrorCode::tile_missing)) return {};
+    const auto references = references_decode(tiles, tile);
+    if (!references) return {FindingKind::decode, references.error()};
+    if (*references) return {FindingKind::decode, read.error()};
+    return {FindingKind::reference,
+            {{ErrorCode::bad_file, field.place(tile.key) + ": " + read.error().message}}};
   }
 
-  /// Whether the tiles that a tile is predicted from decode.
-  static bool references_decode(TileCache& tiles, const TileRef& tile) {
-    const auto references = tiles.field().references(tile);
-    if (!references) return true;  // then the tile itself is wrong
-    return std::ranges::all_of(*references, [&](TileKey reference) {
+  /// Whether the tiles that a tile is predicted from decode. Errors that prove no damage.
+  static Result<bool> references_decode(TileCache& tiles, const TileRef& tile) {
+    const auto named = tiles.field().references(tile);
+    if (!named && named.error().code == ErrorCode::bad_file) return true;  // the tile is wrong
+    if (!named) return tl::unexpected(named.error());
+    for (const TileKey reference : *named) {
       const auto pin = tiles.load(reference);
-      return pin && pin->state() != TileState::missing;
-    });
+      if (!pin && pin.error().code != ErrorCode::bad_file) return tl::unexpected(pin.error());
+      if (!pin || pin->state() == TileState::missing) return false;
+    }
+    return true;
   }
 
   /// Drops the tiles and records that the repairs name. Findings without a repair (S1, M1) remain.
@@ -248,13 +239,13 @@ const char* id(FindingKind kind) {
 
 Result<VerifyReport> verify_field(const std::string& path, const VerifyOptions& options,
                                   const ProgressCallback& progress) {
-  return Verifier(options, progress).run(path);
+  return guarded([&] { return Verifier(options, progress).run(path); });
 }
 
 Result<VerifyReport> verify_field(const Field& field, const VerifyOptions& options,
                                   const ProgressCallback& progress) {
   if (options.fix) return misuse(field.path(), "only a file that is named can be fixed");
-  return Verifier(options, progress).run(field);
+  return guarded([&] { return Verifier(options, progress).run(field); });
 }
 
 }  // namespace slf

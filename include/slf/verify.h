@@ -50,9 +50,10 @@ struct VerifyReport {
 };
 
 /// Checks every page, record and tile. Progress counts tiles. Damage is not an error but a finding
-/// in the report. not_found, io: the file cannot be read (or, with fix, written). unsupported:
-/// another version of the format. cancelled: the callback stopped the check. busy: with fix,
-/// another process is writing the file.
+/// in the report, if the bytes prove it. not_found, io: the file cannot be read (or, with fix,
+/// written). unsupported: another version of the format, or levels too large for such a file.
+/// out_of_memory. cancelled: the callback stopped the check. busy: with fix, another process is
+/// writing the file. After an error nothing is dropped.
 ///
 /// With fix, the file stays a valid field even if the process is killed. If the structure is
 /// damaged (S1), nothing is dropped, because no page can be trusted.

@@ -16,6 +16,7 @@
 #include "slf/render.h"
 #include "slf/repack.h"
 #include "slf/scene.h"
+#include "slf/verify.h"
 #include "slf/volume.h"
 #include "storage/range_source.h"
 #include "tests/field/field_testing.h"
@@ -264,6 +265,27 @@ TEST_F(FailingAllocations, Repack) {
             if (name.ends_with("-lock")) std::filesystem::remove(*folder_ / name);
           EXPECT_EQ(folder_->files(), files);
         });
+  }
+}
+
+// Only what the bytes prove is damage: a tile for which there was no memory is not dropped.
+TEST_F(FailingAllocations, FixOfASoundField) {
+  const std::string path = *folder_ / "sound.slf";
+  for (const char* codec : {"predictive:80", "jpeg:80", "zstd:1"}) {
+    auto options = FailingAllocations::options();
+    options.shape.subfields = {28};
+    options.codec = codec, options.replace = true;
+    ASSERT_TRUE(build_field(*scene_, path, options));
+    const std::string before = testing::read_text(path);
+    for (const unsigned threads : {1u, 2u})
+      run(
+          {.makes_json = true, .keeps_tiles = threads > 1},
+          [&]() -> Result<void> {
+            const auto report = SLF_TRY(verify_field(path, {.fix = true, .threads = threads}));
+            EXPECT_EQ(report.found, 0u) << report.findings.front().message;
+            return {};
+          },
+          [&] { EXPECT_TRUE(testing::read_text(path) == before); });
   }
 }
 

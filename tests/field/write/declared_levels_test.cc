@@ -100,7 +100,12 @@ TEST_F(DeclaredLevels, Lists) {
 }
 
 TEST_F(DeclaredLevels, Verify) {
-  const auto report = verify_field(path_, {});
+  const std::string before = testing::read_text(path_);
+  const auto decoded = verify_field(path_, {.fix = true});  // proves no damage, so drops no tile
+  ASSERT_FALSE(decoded);
+  EXPECT_EQ(decoded.error().code, ErrorCode::unsupported);
+  EXPECT_TRUE(testing::read_text(path_) == before);
+  const auto report = verify_field(path_, {.quick = true});
   ASSERT_TRUE(report) << report.error().message;
   EXPECT_FALSE(report->complete);
   EXPECT_EQ(report->tiles, few_ + 1);

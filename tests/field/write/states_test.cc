@@ -409,6 +409,54 @@ TEST_P(States, ALostTileIsMissingInAllStatesThatShareIt) {
   EXPECT_EQ(verify_field(file, {})->found, 0u);
 }
 
+// The first record of a state in a level comes after the last one of the state before: repair and
+// rebuild must not mix up their tiles.
+TEST_P(States, AnyLostRecordIsRebuilt) {
+  const std::string file = build_all(), good = read_text(file);
+  const auto content = [&] {
+    const auto field = FieldFile::whole(file);
+    EXPECT_TRUE(field) << field.error().message;
+    return testing::all_tiles(Field::of(*field));
+  };
+  const auto tiles = content();
+  std::vector<Image> views;
+  for (unsigned s = 0; s < states_.size(); ++s)
+    views.push_back(view(*Field::open(file)->in_state(s)));
+  std::vector<std::size_t> records;  // where their tables begin, in overflow pages
+  for (std::size_t page = 0; page < good.size(); page += 4096)
+    if (good.compare(page + 24, 3, "SLR") == 0) records.push_back(page + 24);
+  ASSERT_GE(records.size(), 2 * states_.size());
+
+  std::set<TileKey> lost;  // of these records
+  const auto expect_rebuilt = [&](const std::string& damaged) {
+    testing::write_text(file, damaged);
+    const auto fixed = verify_field(file, {.fix = true});
+    ASSERT_TRUE(fixed) << fixed.error().message;
+    EXPECT_EQ(fixed->unfixed, 0u);
+    const auto left = content();
+    for (const auto& [key, payload] : tiles)
+      if (!left.contains(key)) lost.insert(key);
+    build_all();
+    const auto verified = verify_field(file, {});
+    ASSERT_TRUE(verified) << verified.error().message;
+    EXPECT_EQ(verified->found, 0u) << verified->findings[0].message;
+    EXPECT_EQ(content(), tiles);
+    for (unsigned s = 0; s < states_.size(); ++s)
+      EXPECT_EQ(view(*Field::open(file)->in_state(s)).rgba, views[s].rgba);
+  };
+  std::string all = good;
+  for (const std::size_t at : records) {
+    SCOPED_TRACE(at);
+    std::string one = good;
+    one[at + 20] ^= 1, all[at + 20] ^= 1;
+    expect_rebuilt(one);
+  }
+  for (unsigned s = 0; s < states_.size(); ++s)
+    for (const std::uint8_t level : {0, 1})
+      EXPECT_TRUE(lost.contains(in_state({level, 0}, s))) << s << " at " << int{level};
+  expect_rebuilt(all);
+}
+
 TEST_P(States, AreCopiedTogetherAndAlone) {
   const auto all = Field::open(build_all());
   ASSERT_TRUE(all);
