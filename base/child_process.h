@@ -15,10 +15,13 @@ namespace slf {
 
 /// In the child: resets signal handlers that the parent installed, sends standard streams nowhere,
 /// and limits, for good, what may be used from now on: `bytes` of address space more than now, and
-/// `seconds` of processor time. It may neither write into files, fork, nor dump core. It is no
-/// sandbox: code that takes it over may still remove files or execute another program. If the
-/// system refuses, the child exits with kNotConfined.
-void confine_child(std::uint64_t bytes, std::uint64_t seconds);
+/// `seconds` of processor time. From then on, the child may compute, use its own memory, and write
+/// to the descriptor `to`, and nothing else: all other system calls fail with EPERM, and memory
+/// that it shares with others is gone. So map or open before what it reads. If the system refuses,
+/// the child exits with kNotConfined. Where the kernel has no seccomp, or on another processor than
+/// x86-64 and 64-bit ARM, system calls still work, but for writing into files and starting
+/// processes without being root.
+void confine_child(std::uint64_t bytes, std::uint64_t seconds, int to);
 
 /// The exit status of such a child. For their own purposes children exit with 0 or 1.
 inline constexpr int kNotConfined = 2;

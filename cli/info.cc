@@ -52,8 +52,10 @@ void print_field(const Field& field, const FieldContent& content) {
         content.complete ? "" : "INCOMPLETE ", human_bytes(content.file_bytes),
         human_bytes(content.payload_bytes));
   const auto provenance = nlohmann::json::parse(field.provenance());
-  print("sphere  centre {:.2f},{:.2f},{:.2f}  radius {:.2f}{}\n", c.x, c.y, c.z,
-        shape.sphere.radius, spaced(text_of(provenance, "unit", "")));
+  const std::string space = text_of(provenance, "space", "");
+  print("sphere  centre {:.2f},{:.2f},{:.2f}  radius {:.2f}{}{}\n", c.x, c.y, c.z,
+        shape.sphere.radius, spaced(text_of(provenance, "unit", "")),
+        space.empty() ? "" : "  (world coordinates are " + space + ")");
   print("lattice {} entry, {} exit at the finest level\n", shape.entry_resolution(shape.levels),
         shape.exit_resolution(shape.levels));
   print("samples {} as {}\n", name(field.format()), field.codec());
@@ -91,7 +93,7 @@ nlohmann::json volume_json(const Volume& volume) {
       {"spacing", vec3_json(volume.spacing())},
       {"origin", vec3_json(volume.origin)},
       {"axes", {vec3_json(volume.axes[0]), vec3_json(volume.axes[1]), vec3_json(volume.axes[2])}},
-      {"world", "LPS"},
+      {"world", volume.patient_axes ? "LPS" : "xyz"},
       {"unit", volume.unit},
       {"slope", volume.slope},
       {"intercept", volume.intercept},
@@ -120,7 +122,8 @@ void print_volume(const Volume& volume) {
         name(volume.type), volume.labels ? " labels" : "");
   print("spacing {}{}\n", vec(volume.spacing()), spaced(volume.unit));
   print("range   {:.6g} to {:.6g}\n", range[0], range[1]);
-  print("origin  {}  (world coordinates are LPS)\n", vec(volume.origin));
+  print("origin  {}  (world coordinates are {})\n", vec(volume.origin),
+        volume.patient_axes ? "LPS" : "x, y, z: the file states no patient's axes");
   for (int axis = 0; axis < 3; ++axis)
     print("axis {}  {}\n", "xyz"[axis], vec(volume.axes[axis] / volume.spacing()[axis]));
   if (!volume.placement.empty()) print("placed  by {}\n", volume.placement);

@@ -1,5 +1,7 @@
 #include "slf/measure.h"
 
+#include <filesystem>
+
 #include "base/try.h"
 #include "cli/command.h"
 
@@ -139,19 +141,19 @@ struct EvaluateArguments {
   bool json = false;
 };
 
-/// The pictures to compare with: those that the option names, or those that the build held out.
+/// The pictures that the option names; of those that the field was built from, the ones held out.
 Result<std::vector<Picture>> pictures_of(const EvaluateArguments& a, const Field& field) {
-  if (!a.pictures.empty()) {
-    auto set = SLF_TRY(read_pictures(a.pictures));
-    return std::move(set.pictures);
-  }
   const auto built = nlohmann::json::parse(field.provenance(), nullptr, false);
-  const auto holdout = built.is_object() ? built.value("holdout", 0u) : 0u;
-  if (text_of(built, "kind", "") != "pictures" || holdout == 0)
-    return misuse(field.path(),
-                  "nothing to compare with: expected --volume, --pictures, or a field that was "
-                  "built with --holdout");
-  auto set = SLF_TRY(read_pictures(text_of(built, "source", "")));
+  const bool from_pictures = text_of(built, "kind", "") == "pictures";
+  const auto holdout = from_pictures ? built.value("holdout", 0u) : 0u;
+  if (a.pictures.empty())
+    return misuse(field.path(), "nothing to compare with: expected --volume or --pictures",
+                  holdout > 0 ? "; a field keeps no path of its pictures: name them again" : "");
+  auto set = SLF_TRY(read_pictures(a.pictures));
+  const std::string source = std::filesystem::path(text_of(built, "source", "")).filename();
+  if (holdout == 0 || std::filesystem::path(set.source).filename() != source)
+    return std::move(set.pictures);
+  note(fmt::format("of {}, compares with those that --holdout {} left out", set.source, holdout));
   std::vector<Picture> held_out;
   for (std::size_t k = 0; k < set.pictures.size(); ++k)
     if (is_held_out(k, holdout)) held_out.push_back(set.pictures[k]);
@@ -299,7 +301,7 @@ void add_evaluate(CLI::App& app, Run& run) {
   command->get_option("--volume")->required(false);
   add_file(*command, "--pictures", a->pictures,
            "Compare with pictures instead of a volume: transforms.json or a folder, as for\n"
-           "`slf build pictures:FOLDER`; default: those that --holdout left out")
+           "`slf build pictures:FOLDER`; of the field's own, with those that --holdout left out")
       ->excludes("--volume");
   command->get_option("--transfer")
       ->description(

@@ -23,6 +23,16 @@ constexpr const char* kPredictive = "predictive";
 /// Another: several states, some of whose tiles are the same.
 constexpr const char* kStates = "states";
 
+/// Leaves the file's name of a source's path: fields are published, and folders name people. Where
+/// no hash tells sources apart, `source` is a free text that does.
+void drop_folders(nlohmann::json& provenance) {
+  const auto source = provenance.find("source");
+  if (!provenance.contains("content") || source == provenance.end() || !source->is_string()) return;
+  auto& path = source->get_ref<std::string&>();
+  while (path.size() > 1 && path.ends_with('/')) path.pop_back();
+  path.erase(0, path.rfind('/') + 1);
+}
+
 /// Reads members of untrusted JSON. Records the first error and its place.
 class Reader {
  public:
@@ -157,11 +167,15 @@ OwnedJson difference(const nlohmann::json& from, const nlohmann::json& to) {
 }  // namespace
 
 void Manifest::set_states(std::span<const std::pair<std::string, OwnedJson>> provenances) {
-  provenance = provenances[0].second;
   states.clear();
-  for (const auto& [name, own] : provenances)
-    if (provenances.size() > 1) states.push_back({name, difference(*provenance, *own)});
-  shape.states = static_cast<unsigned>(provenances.size());
+  for (const auto& [name, given] : provenances) {
+    OwnedJson own = given;
+    drop_folders(*own);
+    if (states.empty()) provenance = own;
+    states.push_back({name, difference(*provenance, *own)});
+  }
+  shape.states = static_cast<unsigned>(states.size());
+  if (states.size() == 1) states.clear();
 }
 
 OwnedJson Manifest::to_json() const {
@@ -265,10 +279,11 @@ std::string first_difference(const Manifest& existing, const Manifest& expected)
       from.erase(member);
     };
     for (const char* member : {"slf", "required", "filtered_levels", "part"}) drop(*json, member);
-    const char* ignored = by_content ? "source" : "content";
-    drop((*json)["provenance"], ignored);
-    if (json->contains("states"))
-      for (nlohmann::json& state : (*json)["states"]) drop(state["provenance"], ignored);
+    for (const char* ignored : {by_content ? "source" : "content", "space"}) {
+      drop((*json)["provenance"], ignored);
+      if (json->contains("states"))
+        for (nlohmann::json& state : (*json)["states"]) drop(state["provenance"], ignored);
+    }
     return json;
   };
   const OwnedJson patch = nlohmann::json::diff(*comparable(existing), *comparable(expected));

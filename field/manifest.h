@@ -38,7 +38,8 @@ struct Manifest {
   /// Whether the samples of a level are means of rays.
   [[nodiscard]] bool filtered(unsigned level) const { return level < filtered_levels; }
 
-  /// Sets the states, none if there is just one, and the provenance of each.
+  /// Sets the states, none if there is just one, and the provenance of each. Of a path that is the
+  /// member `source` only the file's name is kept, if the member `content` tells sources apart.
   void set_states(std::span<const std::pair<std::string, OwnedJson>> provenances);
 
   [[nodiscard]] OwnedJson to_json() const;
@@ -59,7 +60,7 @@ struct Manifest {
 };
 
 /// The JSON pointer of the first member in which two manifests of builds differ; empty if none
-/// does. If the provenance records a hash of the source's content, the source's path may differ.
+/// does. If the provenance records a hash of the source's content, the source's name may differ.
 /// filtered_levels and part are not compared.
 [[nodiscard]] std::string first_difference(const Manifest& existing, const Manifest& expected);
 

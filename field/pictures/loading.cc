@@ -215,7 +215,12 @@ Result<Loaded> load_views(const Sphere& sphere, const PictureSceneOptions& optio
     const Picture& picture = set.pictures[k];
     results[k] = [&]() -> Result<void> {
       const auto bytes = SLF_TRY(read_file(picture.file, kMaxPictureBytes));
-      loaded.hashes[k] = XXH3_64bits(bytes.data(), bytes.size());
+      std::uint64_t& hash = loaded.hashes[k] = XXH3_64bits(bytes.data(), bytes.size());
+      for (std::uint64_t kind = 1; const std::string& file : {picture.mask, picture.depth}) {
+        if (++kind, file.empty()) continue;
+        const auto more = SLF_TRY(read_file(file, kMaxPictureBytes));
+        hash = XXH3_64bits_withSeed(more.data(), more.size(), hash + kind);
+      }
       const auto image = SLF_TRY(decode_picture(picture, bytes));
       const double pixel = glm::distance(picture.eye, sphere.center) / picture.lens.fx;
       loaded.views[k] = make_small_view(

@@ -17,7 +17,7 @@ inline constexpr std::uint64_t kMaxPictureBytes = std::uint64_t{1} << 31;
 /// What all pictures of a set show, once each was decoded.
 struct Loaded {
   std::vector<SmallView> views;
-  std::vector<std::uint64_t> hashes;  ///< of the files of colours
+  std::vector<std::uint64_t> hashes;  ///< of the files of colours, masks and depths
   bool masks = false;                 ///< some pixels are transparent
   bool depths = false;                ///< at least half of the pictures have depth
   DepthKind kind = DepthKind::unknown;

@@ -96,7 +96,7 @@ json describe_shading(bool shade, const glm::dvec3& light, float ambient,
 std::string describe(const Volume& volume, const TransferFunction& transfer,
                      const RaycastOptions& options) {
   json out{{"kind", "volume"},
-           {"source", valid_utf8(volume.source)},
+           {"source", volume.private_name ? "DICOM" : valid_utf8(volume.source)},
            {"content", content_hash(volume)},
            {"dims", volume.dims},
            {"type", name(volume.type)},
@@ -106,6 +106,7 @@ std::string describe(const Volume& volume, const TransferFunction& transfer,
            {"transfer", json::parse(to_json(transfer))},
            {"step", options.step}};
   if (!volume.unit.empty()) out["unit"] = volume.unit;
+  if (volume.patient_axes) out["space"] = "LPS";
   if (options.projection != Projection::none)
     out["projection"] = kProjections[static_cast<std::size_t>(options.projection)];
   for (const auto& [point, normal] : options.clip)
@@ -127,7 +128,7 @@ std::string describe(const Volume& volume, const TransferFunction& transfer,
 
 std::string light_key(const std::string& provenance) {
   json key = json::parse(provenance);
-  for (const char* member : {"source", "step", "unit"}) key.erase(member);
+  for (const char* member : {"source", "space", "step", "unit"}) key.erase(member);
   if (const auto lighting = key.find("lighting"); lighting != key.end())
     for (const char* shown : {"linear", "tone"}) lighting->erase(shown);
   key["method"] = 3;  // of computing light and looking it up; others have other numbers

@@ -3,6 +3,8 @@
 #include <dlfcn.h>
 #include <fcntl.h>
 #include <poll.h>
+#include <sys/mman.h>
+#include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -12,6 +14,7 @@
 #include <csignal>
 #include <cstring>
 #include <string>
+#include <string_view>
 
 #include "base/child_process.h"
 #include "base/file.h"
@@ -30,33 +33,40 @@ std::uint64_t time_limit(const DicomSlice& file) { return 60 + (file.file_bytes(
 
 // In the child.
 
+/// The content of a file, in memory that is not freed before the process ends.
+std::string_view map_file(const std::string& path) {
+  const Descriptor file(::open(path.c_str(), O_RDONLY | O_NONBLOCK | O_CLOEXEC));
+  struct stat status {};
+  if (::fstat(file.get(), &status) != 0 || !S_ISREG(status.st_mode) || status.st_size == 0)
+    ::_exit(1);
+  const auto size = static_cast<std::size_t>(status.st_size);
+  void* map = ::mmap(nullptr, size, PROT_READ, MAP_PRIVATE, file.get(), 0);
+  if (map == MAP_FAILED) ::_exit(1);
+  return {static_cast<const char*>(map), size};
+}
+
+std::string_view content_of(const DicomSlice& file) {
+  if (packing_of_file(file.path) == Packing::none) return map_file(file.path);
+  const auto unpacked = UnpackedFile::make(file.path);
+  if (!unpacked) ::_exit(1);
+  return map_file(unpacked->path());
+}
+
 /// Its address space may grow by GDCM's several copies of a file; its processor time is what the
-/// files need. It may start no processes: GDCM would run pvrg-jpeg on pictures that its own JPEG
-/// decoder refuses.
-void confine(const std::vector<DicomSlice>& files) {
+/// files need.
+void confine(const std::vector<DicomSlice>& files, int to) {
   std::uint64_t largest = 0, seconds = 0;
   for (const auto& file : files) {
     largest = std::max(largest, file.file_bytes());
     seconds += time_limit(file);
   }
   constexpr std::uint64_t kSpareBytes = std::uint64_t{1} << 30;
-  confine_child(kSpareBytes + 12 * largest, seconds);
+  confine_child(kSpareBytes + 12 * largest, seconds, to);
 }
 
-bool decode(GdcmDecode* gdcm, const DicomSlice& file, int to) {
-  GdcmInput input{file.path.c_str(),
-                  {},
-                  file.width,
-                  file.height,
-                  bytes_per_voxel(file.type) * file.samples,
-                  name_of_compression(file.syntax).starts_with("JPEG 2000")};
-  std::string unpacked;
-  if (packing_of_file(file.path) != Packing::none) {
-    auto bytes = read_dicom_bytes(file.path);
-    if (!bytes) return false;
-    unpacked = std::move(bytes->bytes);
-    input.bytes = unpacked;
-  }
+bool decode(GdcmDecode* gdcm, const DicomSlice& file, std::string_view content, int to) {
+  const GdcmInput input{content, file.width, file.height, bytes_per_voxel(file.type) * file.samples,
+                        name_of_compression(file.syntax).starts_with("JPEG 2000")};
   std::vector<std::byte> pixels(file.file_bytes());
   return gdcm(input, pixels) && write_all(to, pixels) == 0;
 }
@@ -64,9 +74,12 @@ bool decode(GdcmDecode* gdcm, const DicomSlice& file, int to) {
 [[noreturn]] void be_child(GdcmDecode* gdcm, const std::vector<DicomSlice>& files,
                            int to) noexcept {
   try {
-    confine(files);
+    std::vector<std::string_view> contents(files.size());
+    std::ranges::transform(files, contents.begin(), content_of);
+    confine(files, to);
     bool good = true;
-    for (std::size_t i = 0; good && i < files.size(); ++i) good = decode(gdcm, files[i], to);
+    for (std::size_t i = 0; good && i < files.size(); ++i)
+      good = decode(gdcm, files[i], contents[i], to);
     ::_exit(good ? 0 : 1);
   } catch (...) {
     ::_exit(1);

@@ -211,6 +211,7 @@ Result<void> place_in(const PlaneGrid& grid, const DicomSlice& first, Volume& vo
   volume.dims = SLF_TRY(check_dims(volume.source, {first.width, first.height, grid.count}));
   volume.axes = {first.row * first.spacing.x, first.column * first.spacing.y, grid.step};
   volume.origin = grid.origin;
+  volume.patient_axes = first.placed;
   return check_axes(volume);
 }
 
@@ -220,7 +221,7 @@ Result<Volume> read_dicom_stack(const std::string& source, const DicomStack& sta
   if (segmentation && segmentation->kind != DicomSegmentation::Kind::label_map)
     return read_segmentation(source, stack, options);
   auto sorted = SLF_TRY(sort_by_place(stack, options.spacing));
-  Volume volume{.source = source, .notes = sorted.notes};
+  Volume volume{.source = source, .private_name = true, .notes = sorted.notes};
   for (const auto& slice : stack.slices)
     if (!slice.problem && (volume.files.empty() || volume.files.back() != slice.path))
       volume.files.push_back(slice.path);

@@ -14,7 +14,6 @@ namespace slf::volume_io {
 /// A DICOM file whose pixels are compressed, and what its header, which our parser has read, says
 /// of them.
 struct GdcmInput {
-  const char* path;        ///< read if `bytes` is empty
   std::string_view bytes;  ///< the file, unpacked
   std::uint32_t width, height;
   std::uint64_t pixel_bytes;

@@ -84,6 +84,9 @@ Result<void> set_position(const TextHeader& header, std::size_t rank, const Volu
     const auto numbers = SLF_TRY(header.numbers(field, to->size()));
     if (!numbers.empty()) *to = numbers;
   }
+  const auto* anatomy = header.find("AnatomicalOrientation");
+  volume.patient_axes = anatomy && anatomy->size() >= 3 &&
+                        anatomy->substr(0, 3).find_first_not_of("RLAPIS") == std::string::npos;
   if (!options.spacing && !header.find("ElementSpacing")) volume.notes.emplace_back(kNoSpacing);
   for (std::size_t axis = 0; axis < 3; ++axis) {
     spacing[axis] = SLF_TRY(

@@ -34,6 +34,7 @@ Result<void> set_position(const Fields& header, const VolumeOptions& options, Vo
       for (int i = 0; i < 3; ++i) directions[axis][i] = next();
     for (int i = 0; i < 3; ++i) centre[i] = next();
     volume.unit = "mm";
+    volume.patient_axes = true;
   } else {
     volume.notes.emplace_back(
         "it states no position: taken as FreeSurfer does, coronal slices of 1x1x1 mm");

@@ -302,6 +302,7 @@ Result<void> set_position(NiftiHeader header, const VolumeOptions& options, Volu
   t.origin *= glm::dvec3(-1, -1, 1);
   for (int i = 0; i < 3; ++i) volume.axes[i] = t.axes[i] * to_mm + 0.0;  // + 0.0: no -0
   volume.origin = t.origin * to_mm + 0.0;
+  volume.patient_axes = has_sform || has_qform;
   return {};
 }
 

@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <optional>
 
 #include "base/try.h"
 #include "field/volume/io.h"
@@ -206,22 +207,25 @@ Result<void> choose_in_axes(const std::string& path, const std::vector<Axis>& ax
   return {};
 }
 
-/// Converts from the header's space to LPS. Other spaces do not change, as in ITK.
-glm::dvec3 to_lps(const TextHeader& header) {
+/// Converts from the header's space to LPS; none if that is not a patient's.
+std::optional<glm::dvec3> to_lps(const TextHeader& header) {
   const auto* text = header.find("space");
   std::string space = text ? lower_case(*text) : "";
   if (space.ends_with("-time"))
     space.resize(space.size() - 5);
   else if (space.size() == 4 && space.ends_with('t'))
     space.resize(3);
-  if (space == "ras" || space == "right-anterior-superior") return {-1, -1, 1};
-  if (space == "las" || space == "left-anterior-superior") return {1, -1, 1};
-  return {1, 1, 1};
+  if (space == "ras" || space == "right-anterior-superior") return glm::dvec3(-1, -1, 1);
+  if (space == "las" || space == "left-anterior-superior") return glm::dvec3(1, -1, 1);
+  if (space == "lps" || space == "left-posterior-superior") return glm::dvec3(1, 1, 1);
+  return std::nullopt;
 }
 
 Result<void> place_directed(const TextHeader& header, const std::vector<Axis>& axes,
                             Volume& volume) {
-  const glm::dvec3 flip = to_lps(header);
+  const auto patient = to_lps(header);
+  volume.patient_axes = patient.has_value();
+  const glm::dvec3 flip = patient.value_or(glm::dvec3(1));  // other spaces stay, as in ITK
   for (int i = 0; i < 3; ++i)
     volume.axes[i] = flip * *axes[static_cast<std::size_t>(i)].direction + 0.0;
   if (const auto* text = header.find("spaceorigin")) {

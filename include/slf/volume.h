@@ -1,9 +1,9 @@
 // Volume: a 3D scalar image in world coordinates, and its readers.
 //
-// World coordinates are millimetres (or whatever unit the file is in) in the LPS convention of
-// DICOM and ITK: +x to the patient's left, +y to the back, +z to the head. NIfTI files, which are
-// RAS, have x and y negated, so the same scan gives the same world in every format and a left hand
-// stays a left hand.
+// World coordinates are millimetres (or whatever unit the file is in). Of a file that states the
+// patient's axes they are in the LPS convention of DICOM and ITK: +x to the patient's left, +y to
+// the back, +z to the head. NIfTI files, which are RAS, have x and y negated, so the same scan
+// gives the same world in every format and a left hand stays a left hand.
 #pragma once
 
 #include <array>
@@ -65,6 +65,11 @@ struct Volume {
   bool labels = false;
   LabelTable label_styles{};  ///< names and colours of ids, if the file has them (DICOM SEG)
   std::string source{};       ///< the path it was read from, for messages and provenance
+  /// Fields do not keep its name: of DICOM, it is often that of a patient, or a UID.
+  bool private_name = false;
+  /// Whether the file says where left, back and head are. Otherwise the axes of the world are x, y
+  /// and z of the file, and mean nothing else.
+  bool patient_axes = false;
   /// All files it was read from, headers and data. Scene::files() lists them, so that no build
   /// replaces one; add others that matter, such as that of a transfer function.
   std::vector<std::string> files{};

@@ -144,6 +144,8 @@ class _Voxels(NamedTuple):
     intercept: float = 0.0
     source: str = "array"
     unit: str = ""
+    patient_axes: bool = False
+    """Whether it is stated that the world is LPS."""
 
 
 def _from_nibabel(image: Any) -> _Voxels:
@@ -161,8 +163,15 @@ def _from_nibabel(image: Any) -> _Voxels:
     scale = np.array([-1, -1, 1]) * (to_mm or 1.0)  # from RAS
     place = _affine_place(image.affine)
     name = getattr(image, "get_filename", lambda: None)()
+
+    def states(code: str) -> bool:
+        with contextlib.suppress(AttributeError, KeyError, ValueError, IndexError, TypeError):
+            return int(image.header[code]) > 0
+        return False
+
+    placed = any(map(states, ("sform_code", "qform_code", "goodRASFlag")))
     return _Voxels(data.T, _place(place.origin * scale, place.axes * scale), slope, intercept,
-                   os.fspath(name) if name else "image", "mm" if to_mm else "")
+                   os.fspath(name) if name else "image", "mm" if to_mm else "", placed)
 
 
 def _from_itk(image: Any) -> _Voxels:
@@ -173,8 +182,11 @@ def _from_itk(image: Any) -> _Voxels:
         data = np.asarray(image)
     spacing = np.asarray(tuple(image.GetSpacing()), float)
     direction = np.asarray(image.GetDirection(), float).reshape(3, 3)  # columns are the axes
-    return _Voxels(data, _place(tuple(image.GetOrigin()), (direction * spacing).T),
-                   source="image")
+    # What a reader of ITK keeps of NRRD, NIfTI and DICOM says whether the world is a patient's.
+    kept = getattr(image, "GetMetaDataKeys", tuple)()
+    return _Voxels(data, _place(tuple(image.GetOrigin()), (direction * spacing).T), source="image",
+                   patient_axes=any(key in ("NRRD_space", "qform_code_name", "sform_code_name") or
+                                    key.startswith("0020|") for key in kept))
 
 
 def _from_xarray(array: Any) -> _Voxels:
@@ -299,7 +311,7 @@ def _volume(source: Any, *, labels: bool, folder: str | None, mapped: list[mmap.
     array = _in_order(voxels.array, folder, mapped)
     volume = _slf.Volume(array, tuple(place.origin), [tuple(axis) for axis in place.axes],
                          voxels.slope, voxels.intercept, labels, voxels.unit,
-                         name or voxels.source,
+                         voxels.patient_axes or affine is not None, name or voxels.source,
                          [voxels.source] if os.path.exists(voxels.source) else [])
     return volume, place
 

@@ -149,7 +149,8 @@ ScalarType scalar_type(const py::dtype& type) {
 /// as long as a volume needs it.
 VolumeHandle volume_of(const py::array& array, const Triple& origin,
                        const std::array<Triple, 3>& axes, double slope, double intercept,
-                       bool labels, const Text& unit, const Text& source, const Texts& files) {
+                       bool labels, const Text& unit, bool patient_axes, const Text& source,
+                       const Texts& files) {
   if (array.ndim() != 3 || !(array.flags() & py::array::c_style))
     throw py::value_error("expected an array [z, y, x] in C order");
   auto volume = std::make_shared<Volume>();
@@ -176,6 +177,7 @@ VolumeHandle volume_of(const py::array& array, const Triple& origin,
   volume->origin = vector_of(origin);
   volume->labels = labels;
   volume->unit = unit;
+  volume->patient_axes = patient_axes;
   volume->source = source;
   volume->files.assign(files.begin(), files.end());
   return volume;

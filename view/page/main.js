@@ -84,7 +84,8 @@ const kProjections = {
   minip: 'minimum intensity projection',
   mean: 'mean intensity projection',
 };
-const kMarks = {
+const kAxes = {x: [1, 0, 0], y: [0, 1, 0], z: [0, 0, 1]};
+const kPatientAxes = {  // LPS
   L: [1, 0, 0], R: [-1, 0, 0], P: [0, 1, 0], A: [0, -1, 0], S: [0, 0, 1], I: [0, 0, -1]};
 
 // ---- the element --------------------------------------------------------------------------------
@@ -309,13 +310,15 @@ export class SlfField extends HTMLElement {
     if (Math.abs(exposure) <= 6) settings.exposure = exposure;
   }
 
-  // A compass of the axes of LPS; letters on the far side are dim.
+  // A compass of the axes, those of the patient if the source states them; letters on the far side
+  // are dim.
   drawMarks() {
     const box = this.byId('compass');
     box.hidden = !this.byId('marks').checked;
     if (box.hidden) return;
     const {forward, right, down} = this.viewer.camera.axes(1, 1);
-    box.replaceChildren(...Object.entries(kMarks).map(([letter, axis]) => {
+    const marks = this.viewer.field.manifest.provenance?.space ? kPatientAxes : kAxes;
+    box.replaceChildren(...Object.entries(marks).map(([letter, axis]) => {
       const mark = document.createElement('span'), near = -dot(axis, forward);
       mark.textContent = letter;
       mark.style.left = `${50 + 40 * dot(axis, right)}%`;

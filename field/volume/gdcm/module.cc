@@ -36,13 +36,8 @@ bool is_of_stated_size(const GdcmInput& file, const gdcm::Image& image) {
 
 extern "C" bool slf_gdcm_decode(const GdcmInput& input, std::span<std::byte> pixels) {
   gdcm::ImageReader reader;
-  std::istringstream unpacked;
-  if (input.bytes.empty()) {
-    reader.SetFileName(input.path);
-  } else {
-    unpacked.str(std::string(input.bytes));
-    reader.SetStream(unpacked);
-  }
+  std::istringstream file{std::string(input.bytes)};
+  reader.SetStream(file);
   if (!reader.Read()) return false;
   const gdcm::Image& image = reader.GetImage();
   const auto* size = image.GetDimensions();
