@@ -11,7 +11,9 @@
 
 #include <algorithm>
 #include <array>
+#include <cerrno>
 #include <cstdio>
+#include <cstring>
 #include <filesystem>
 #include <optional>
 #include <utility>
@@ -98,6 +100,26 @@ bool is_loopback(std::string_view host) {
            (port[0] == ':' && port.find_first_not_of("0123456789", 1) == std::string_view::npos);
   }
   return false;
+}
+
+/// A word that nobody guesses: 32 hexadecimal digits.
+Result<std::string> make_token() {
+  std::array<unsigned char, 16> bytes;
+  if (::getentropy(bytes.data(), bytes.size()) != 0)
+    return fail(ErrorCode::failed, "the system has no random bytes: ", std::strerror(errno));
+  std::string token;
+  for (const unsigned byte : bytes)
+    (token += "0123456789abcdef"[byte >> 4]) += "0123456789abcdef"[byte & 15];
+  return token;
+}
+
+/// Whether a text begins with another one, in a time that does not tell where they differ.
+bool begins_with_secret(std::string_view text, std::string_view secret) {
+  if (text.size() < secret.size()) return false;
+  unsigned differences = 0;
+  for (std::size_t k = 0; k < secret.size(); ++k)
+    differences |= static_cast<unsigned>(text[k] ^ secret[k]);
+  return differences == 0;
 }
 
 /// An address for browsers of a server that listens on `address`: of this machine in its network,
@@ -191,6 +213,7 @@ struct Server::State {
   HttpServer http;
   std::vector<ServedField> fields;
   std::string url, tag;  // tag: the entity tag of the page's files
+  std::string root;      // "/TOKEN"
   std::string frames = kFrames;
   std::string views, index;  // views.json, or empty; index.html
   bool any_host = false;
@@ -224,15 +247,23 @@ void Server::State::choose(const Request& request, Response& response) const {
     response.set("Allow", "GET, HEAD");
     return answer_text(response, 405, "Only GET and HEAD work here.");
   }
-  if (request.path == "/") {
+  std::string_view path = request.path;
+  // The token is in the path, because frames of other sites get no cookies.
+  if (!begins_with_secret(path, root))
+    return answer_text(response, 403,
+                       "Not allowed: an address of this server begins with the token that slf view "
+                       "or field.show() printed.");
+  path.remove_prefix(root.size());
+  if (path.empty()) return redirect(response, root.substr(1) + "/");
+  if (path == "/") {
     if (fields.size() > 1) return answer_list(response);
     return redirect(response, fields[0].name + "/");
   }
   for (const ServedField& field : fields) {
     const std::string folder = "/" + field.name;
-    if (request.path == folder) return redirect(response, field.name + "/");
-    if (!request.path.starts_with(folder + "/")) continue;
-    const std::string_view name = std::string_view(request.path).substr(folder.size() + 1);
+    if (path == folder) return redirect(response, field.name + "/");
+    if (!path.starts_with(folder + "/")) continue;
+    const std::string_view name = path.substr(folder.size() + 1);
     if (name == "field.slf") {
       if (const auto content = content_of(field))
         return answer_content(request, response, *content);
@@ -248,7 +279,7 @@ void Server::State::choose(const Request& request, Response& response) const {
           page_content(is_index ? std::string_view(index) : file.bytes, file.type, tag));
     }
   }
-  answer_text(response, 404, "Not here. The fields are listed at /.");
+  answer_text(response, 404, "Not here. The fields are listed right behind the token.");
 }
 
 void Server::State::answer_list(Response& response) const {
@@ -306,10 +337,11 @@ Result<Server> Server::make(std::span<const std::string> fields, const ServerOpt
   }
   const auto port = SLF_TRY(state->http.bind(options.address, options.port));
   state->any_host = options.any_host;
+  state->root = "/" + SLF_TRY(make_token());
   const std::string address = reachable_address(options.address);
   const bool ipv6 = address.find(':') != std::string::npos;
   state->url = "http://" + (ipv6 ? "[" + address + "]" : address) + ":" + std::to_string(port) +
-               "/" + (fields.size() == 1 ? state->fields[0].name + "/" : "");
+               state->root + "/" + (fields.size() == 1 ? state->fields[0].name + "/" : "");
   return Server(std::move(state));
 }
 

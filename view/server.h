@@ -1,7 +1,8 @@
 // Server: shows fields in a browser, over HTTP on this machine.
 //
-// Each field has a folder of its own, /NAME/, which holds the page and the field, as an exported
-// site does (view/site.h). The server sends these files and nothing else.
+// Each field has a folder of its own, /TOKEN/NAME/, which holds the page and the field, as an
+// exported site does (view/site.h). The server sends these files and nothing else. The token is
+// random: other users and programs of the machine do not know it.
 #pragma once
 
 #include <cstdint>
@@ -45,7 +46,7 @@ class Server {
   Server& operator=(Server&&) noexcept;
   ~Server();
 
-  /// The address of the page, "http://127.0.0.1:PORT/NAME/", or of a list if there are several
+  /// The address of the page, "http://127.0.0.1:PORT/TOKEN/NAME/", or of a list if there are
   /// fields. A server that listens on all addresses gives one of this machine in its network.
   [[nodiscard]] const std::string& url() const;
 

@@ -71,7 +71,7 @@ def _reachable(url: str) -> str | None:
         return url
     if not importlib.util.find_spec("jupyter_server_proxy"):
         return None
-    return f"{base}proxy/{url.rpartition(':')[2]}"  # PORT/NAME/
+    return f"{base}proxy/{url.rpartition(':')[2]}"  # PORT/TOKEN/NAME/
 
 
 def _page(field: Field) -> str:

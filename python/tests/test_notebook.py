@@ -52,8 +52,8 @@ def test_a_notebook_on_another_machine(balls, monkeypatch):
     assert "<iframe" not in view._repr_html_()
     assert "jupyter-server-proxy" in view._repr_html_()
     monkeypatch.setattr("importlib.util.find_spec", lambda name: name == "jupyter_server_proxy")
-    port, name = view.url.split(":")[2].split("/")[:2]
-    assert f"<iframe src='/user/me/proxy/{port}/{name}/'" in view._repr_html_()
+    port, token, name = view.url.split(":")[2].split("/")[:3]
+    assert f"<iframe src='/user/me/proxy/{port}/{token}/{name}/'" in view._repr_html_()
     request = urllib.request.Request(view.url, headers={"Host": "hub.example.org"})
     with urllib.request.urlopen(request) as page:
         assert page.status == 200

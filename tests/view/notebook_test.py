@@ -252,7 +252,7 @@ class NotebookTest(unittest.TestCase):
         with open(os.path.join(modules, "jupyter_server_proxy.py"), "w"):
             pass
         where, count = self.shown_away({"PYTHONPATH": places})
-        self.assertRegex(where, r"/user/me/proxy/[0-9]+/field/#")
+        self.assertRegex(where, r"/user/me/proxy/[0-9]+/[0-9a-f]{32}/field/#")
         self.assertEqual(count, 2)  # the field's own display has the page, too
 
     def test_only_origins_that_are_named_frame_it_too(self):

@@ -81,10 +81,21 @@ class RunningServer {
     return answer;
   }
 
+  /// "/TOKEN"
+  [[nodiscard]] std::string root() const {
+    const std::size_t begin = url.find('/', 8);
+    return url.substr(begin, url.find('/', begin + 1) - begin);
+  }
+
   [[nodiscard]] std::string host() const { return "127.0.0.1:" + std::to_string(port); }
 
+  /// Of a path behind the token.
   [[nodiscard]] std::string get(const std::string& path, const std::string& headers = "",
                                 const std::string& method = "GET") const {
+    return get_any(root() + path, headers, method);
+  }
+  [[nodiscard]] std::string get_any(const std::string& path, const std::string& headers = "",
+                                    const std::string& method = "GET") const {
     return send(method + " " + path + " HTTP/1.1\r\nHost: " + host() + "\r\nConnection: close\r\n" +
                 headers + "\r\n");
   }
@@ -242,8 +253,8 @@ TEST(ViewServer, SendsTheFieldThatHasTheNameNow) {
 
 TEST(ViewServer, ClosesTheConnectionsOfHttp10) {
   const RunningServer server;
-  const std::string answer =
-      server.send("GET /example/field.slf HTTP/1.0\r\nHost: localhost\r\n\r\n");
+  const std::string answer = server.send("GET " + server.root() +
+                                         "/example/field.slf HTTP/1.0\r\nHost: localhost\r\n\r\n");
   EXPECT_EQ(body(answer), content(kField));
 }
 
@@ -252,7 +263,7 @@ TEST(ViewServer, AnswersAllRequestsThatComeAtOnce) {
   const std::string all = content(kField);
   std::string requests, expected;
   for (int i = 0; i < 200; ++i) {
-    requests += "GET /example/field.slf HTTP/1.1\r\nHost: " + server.host() +
+    requests += "GET " + server.root() + "/example/field.slf HTTP/1.1\r\nHost: " + server.host() +
                 "\r\nRange: bytes=" + std::to_string(i) + "-" + std::to_string(i) + "\r\n" +
                 (i == 199 ? "Connection: close\r\n" : "") + "\r\n";
     expected += all[static_cast<std::size_t>(i)];
@@ -267,7 +278,7 @@ TEST(ViewServer, AnswersAllRequestsThatComeAtOnce) {
 TEST(ViewServer, TakesNoBodyForARequest) {
   const RunningServer server;
   const std::string inner =
-      "GET /example/field.slf HTTP/1.1\r\nHost: " + server.host() + "\r\n\r\n";
+      "GET " + server.root() + "/example/field.slf HTTP/1.1\r\nHost: " + server.host() + "\r\n\r\n";
   const std::string answer =
       server.send("POST / HTTP/1.1\r\nHost: " + server.host() +
                   "\r\nContent-Length: " + std::to_string(inner.size()) + "\r\n\r\n" + inner);
@@ -277,7 +288,8 @@ TEST(ViewServer, TakesNoBodyForARequest) {
 
 TEST(ViewServer, RefusesRequestsThatOthersReadDifferently) {
   const RunningServer server;
-  const std::string start = "GET /example/field.slf HTTP/1.1\r\n", host = "Host: " + server.host();
+  const std::string start = "GET " + server.root() + "/example/field.slf HTTP/1.1\r\n",
+                    host = "Host: " + server.host();
   const std::string inner = start + host + "\r\n\r\n";
   const std::string chunked = "Transfer-Encoding : chunked\r\n\r\n";
   for (const std::string& request :
@@ -306,9 +318,9 @@ TEST(ViewServer, AnswersAtOnceAmongManyPeersThatStall) {
   std::ofstream(path, std::ios::binary) << content(kField);
   std::filesystem::resize_file(path, 64 << 20);  // more than sockets take
   const RunningServer server({kField, path});
-  for (const std::string& sent :
-       {std::string(), std::string("GET /"),
-        "GET /long/field.slf HTTP/1.1\r\nHost: " + server.host() + "\r\n\r\n"}) {
+  for (const std::string& sent : {std::string(), std::string("GET /"),
+                                  "GET " + server.root() + "/long/field.slf HTTP/1.1\r\nHost: " +
+                                      server.host() + "\r\n\r\n"}) {
     std::vector<int> peers;
     for (int i = 0; i < 300; ++i) {
       peers.push_back(server.connect());
@@ -337,7 +349,9 @@ TEST(ViewServer, ClosesConnectionsThatStall) {
 TEST(ViewServer, AnswersToItsOwnNamesOnly) {
   const RunningServer server;
   const auto status = [&](const std::string& host) {
-    return server.send("GET /example/field.slf HTTP/1.1\r\nConnection: close\r\n" + host + "\r\n")
+    return server
+        .send("GET " + server.root() + "/example/field.slf HTTP/1.1\r\nConnection: close\r\n" +
+              host + "\r\n")
         .substr(0, 12);
   };
   const std::string port = ":" + std::to_string(server.port);
@@ -356,9 +370,32 @@ TEST(ViewServer, AnswersToItsOwnNamesOnly) {
   ServerOptions open;
   open.any_host = true;
   const RunningServer other({kField}, open);
-  EXPECT_THAT(other.send("GET /example/field.slf HTTP/1.1\r\nHost: any.example\r\n"
+  EXPECT_THAT(other.send("GET " + other.root() +
+                         "/example/field.slf HTTP/1.1\r\nHost: any.example\r\n"
                          "Connection: close\r\n\r\n"),
               StartsWith("HTTP/1.1 200"));
+}
+
+TEST(ViewServer, AnswersToThoseWhoKnowItsTokenOnly) {
+  const RunningServer server, other;
+  const std::string root = server.root();
+  ASSERT_EQ(root.size(), 33u);
+  EXPECT_NE(root, other.root());
+  EXPECT_THAT(server.url, HasSubstr(root + "/example/"));
+  std::string wrong = root;
+  wrong.back() = wrong.back() == '0' ? '1' : '0';
+  for (const std::string& path :
+       {std::string("/"), std::string("/example/"), std::string("/example/field.slf"),
+        std::string("/example/style.css"), wrong + "/example/", other.root() + "/example/",
+        root.substr(0, 32), root.substr(0, 32) + "/example/", "/" + root, std::string("*"),
+        "/example/" + root.substr(1) + "/field.slf"}) {
+    const std::string answer = server.get_any(path);
+    EXPECT_THAT(answer, StartsWith("HTTP/1.1 403")) << path;
+    EXPECT_THAT(body(answer), HasSubstr("token")) << path;
+    EXPECT_THAT(answer, Not(HasSubstr(root))) << path;
+  }
+  EXPECT_EQ(header(server.get_any(root), "Location"), root.substr(1) + "/");
+  EXPECT_THAT(server.get_any(root + "/example/field.slf"), StartsWith("HTTP/1.1 200"));
 }
 
 TEST(ViewServer, GivesAnAddressThatWorksWhenItListensOnAll) {
@@ -456,8 +493,9 @@ TEST(ViewServer, SaysThatAPortIsTaken) {
 
 TEST(ViewServer, SurvivesMalformedRequests) {
   const RunningServer server;
-  const std::string good =
-      "GET /example/field.slf HTTP/1.1\r\nHost: " + server.host() + "\r\nRange: bytes=1-5\r\n\r\n";
+  const std::string good = "GET " + server.root() +
+                           "/example/field.slf HTTP/1.1\r\nHost: " + server.host() +
+                           "\r\nRange: bytes=1-5\r\n\r\n";
   std::vector<std::string> bad = {
       "",
       "\r\n\r\n",
