@@ -158,12 +158,26 @@ def test_nibabel_images(voxels, command, tmp_path):
         def get_unscaled(self):
             return array
 
-    image = types.SimpleNamespace(
-        affine=affine, dataobj=Proxy(), get_filename=lambda: str(file),
-        header=types.SimpleNamespace(get_xyzt_units=lambda: ("mm", "unknown")))
+    class Header(dict):
+        def get_xyzt_units(self):
+            return "mm", "unknown"
+
+    image = types.SimpleNamespace(affine=affine, dataobj=Proxy(), get_filename=lambda: str(file),
+                                  header=Header(sform_code=1, qform_code=0))
     assert same_fields(tmp_path, command, file, image, name=None)
     nibabel = pytest.importorskip("nibabel")
     assert same_fields(tmp_path, command, file, nibabel.load(file), name=None)
+
+
+@pytest.mark.parametrize("header, settings, patient", [
+    ({"sform_code": 0, "qform_code": 2}, {}, True), ({"sform_code": 0, "qform_code": 0}, {}, False),
+    ({"goodRASFlag": 1}, {}, True), ({}, {}, False), (None, {}, False),
+    (None, {"affine": np.eye(4)}, True)])
+def test_axes_are_patients_only_where_that_is_stated(voxels, tmp_path, header, settings, patient):
+    image = voxels if header is None else types.SimpleNamespace(
+        affine=np.eye(4), dataobj=voxels, header=header)
+    with slf.build(image, tmp_path / "a.slf", lighting="direct", **settings, **SMALL) as field:
+        assert field.provenance.get("space") == ("LPS" if patient else None)
 
 
 def test_itk_images(voxels, command, tmp_path):

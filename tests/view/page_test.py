@@ -1246,6 +1246,20 @@ class PageTest(unittest.TestCase):
                         self.assertTrue(views[2] <= a[0] or a[3] <= views[1], (views, a))
                 page.close()
 
+    def test_the_compass_has_letters_of_patients_only_where_the_source_states_them(self):
+        with Server(self.fields[0]) as server:
+            page = self.browser.open(server.url, SIZE, SIZE)
+            page.settle()
+            for space, letters in [("undefined", "xyz"), ("'LPS'", "AILPRS")]:
+                found = page.run(f"""(() => {{
+                    slf.field.manifest.provenance.space = {space};
+                    slf.root.getElementById('marks').checked = true;
+                    slf.root.host.drawMarks();
+                    return slf.root.getElementById('compass').textContent;
+                }})()""")
+                self.assertEqual("".join(sorted(found)), letters)
+            page.close()
+
     def test_swipes_and_copying_a_view(self):
         views = [{"title": f"View {i}", "orbit": [30 * i, 10, 2.5]} for i in range(3)]
         with self.explained({"views": views}) as server:

@@ -4,6 +4,7 @@
 
 #include <filesystem>
 #include <functional>
+#include <map>
 #include <nlohmann/json.hpp>
 
 #include "slf/scene_description.h"
@@ -78,7 +79,7 @@ std::vector<SceneOfFiles> volume_scenes() {
     files[name] = content;
     return files;
   };
-  const std::string table = "{\"1\": {\"name\": \"a\", \"color\": [1, 0, 0]}}";
+  const std::string table = R"({"labels": [{"id": 1, "color": [1, 0, 0]}]})";
   const std::string preset =
       R"([{"ColorSpace": "RGB", "Name": "n", "RGBPoints": [0, 0, 0, 0, 9, 1, 1, 1],
            "Points": [0, 0, 0.5, 0, 9, 1, 0.5, 0]}])";
@@ -88,9 +89,11 @@ std::vector<SceneOfFiles> volume_scenes() {
       {"v.nrrd", volume, of("v.nrrd"), nrrd_of(8)},
       {"d.raw", {{"d.nhdr", header("data file: d.raw")}, {"d.raw", voxels()}}, of("d.nhdr")},
       {"d1.raw",
-       {{"d.nhdr", header("data file: LIST 2\nd0.raw\nd1.raw")},
-        {"d0.raw", voxels().substr(0, 32)},
-        {"d1.raw", voxels().substr(32)}},
+       {{"d.nhdr", header("data file: LIST\nd0.raw\nd1.raw\nd2.raw\nd3.raw")},
+        {"d0.raw", voxels().substr(0, 16)},
+        {"d1.raw", voxels().substr(16, 16)},
+        {"d2.raw", voxels().substr(32, 16)},
+        {"d3.raw", voxels().substr(48)}},
        of("d.nhdr")},
       {"m.raw", {{"m.mhd", meta + "ElementDataFile = m.raw\n"}, {"m.raw", voxels()}}, of("m.mhd")},
       {"p.vti", {{"v.pvti", pvti}, {"p.vti", vti}}, of("v.pvti"), bright_vti},
@@ -115,11 +118,11 @@ std::vector<SceneOfFiles> volume_scenes() {
       {"t.json",
        {{"v.nrrd", nrrd_of(1)}, {"l.nrrd", nrrd_of(1)}, {"t.json", table}},
        with([](auto& d) { d.labels_volume.path = "l.nrrd", d.label_table = "t.json"; }),
-       "{\"1\": {\"name\": \"a\", \"color\": [1, 0.5, 0]}}"},
+       R"({"labels": [{"id": 1, "color": [1, 0.5, 0]}]})"},
       {"t.json",
        {{"v.nrrd", nrrd_of(1)}, {"t.json", table}},
        with([](auto& d) { d.reading.labels = true, d.label_table = "t.json"; }),
-       "{\"1\": {\"name\": \"a\", \"color\": [1, 0.5, 0]}}"},
+       R"({"labels": [{"id": 1, "color": [1, 0.5, 0]}]})"},
       {"t.json", and_file("t.json", preset), with([](auto& d) { d.transfer = "t.json"; }),
        other_preset},
       {"r.json", and_file("r.json", R"({"lights": [{"direction": [0, -1, 1]}]})"),

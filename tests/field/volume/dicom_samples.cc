@@ -18,14 +18,14 @@ std::string tag_bytes(std::uint32_t tag, bool big) {
   return integer(tag >> 16, 2, big) + integer(tag & 0xffff, 2, big);
 }
 
-std::string encode(const DicomElements& elements, const DicomForm& form);
+std::string encode_elements(const DicomElements& elements, const DicomForm& form);
 
 std::string encode_items(const DicomValue& value, const DicomForm& form) {
   constexpr std::uint64_t kUndefined = 0xffffffff;
   const bool big = form.big_endian;
   std::string all;
   for (const auto& item : value.items) {
-    const std::string inner = encode(item, form);
+    const std::string inner = encode_elements(item, form);
     all +=
         tag_bytes(0xfffee000, big) + integer(form.open ? kUndefined : inner.size(), 4, big) + inner;
     if (form.open) all += tag_bytes(0xfffee00d, big) + integer(0, 4, big);
@@ -45,7 +45,7 @@ std::string encode_value(const DicomValue& value, const DicomForm& form) {
   return bytes;
 }
 
-std::string encode(const DicomElements& elements, const DicomForm& form) {
+std::string encode_elements(const DicomElements& elements, const DicomForm& form) {
   std::string all;
   const bool big = form.big_endian;
   for (const auto& [tag, value] : elements) {
@@ -102,10 +102,10 @@ std::string write_dicom(const DicomElements& elements, const DicomForm& form) {
                        {0x00020002, text("UI", "1.2.840.10008.5.1.4.1.1.2")},
                        {0x00020003, text("UI", "1.2.3.4")}};
     if (!form.syntax.empty()) meta[0x00020010] = text("UI", form.syntax);
-    const std::string all = encode(meta, {});
-    file += encode({{0x00020000, ul({static_cast<double>(all.size())})}}, {}) + all;
+    const std::string all = encode_elements(meta, {});
+    file += encode_elements({{0x00020000, ul({static_cast<double>(all.size())})}}, {}) + all;
   }
-  return file + encode(elements, form);
+  return file + encode_elements(elements, form);
 }
 
 int slice_value(std::uint32_t i, std::uint32_t j, int k) {

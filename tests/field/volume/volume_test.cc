@@ -127,6 +127,47 @@ TEST(Volume, MarkerIsAtOnePlaceInEveryFormat) {
   expect_in_place(expect_read(folder.write("a.mha", phantom_meta(ScalarType::i16, false, true))));
 }
 
+TEST(Volume, AxesArePatientsOnlyWhereTheFileSaysSo) {
+  const Folder folder;
+  const auto stated = [&](const std::string& name, const std::string& content) {
+    return expect_read(folder.write(name, content)).patient_axes;
+  };
+  auto q = placed_nifti();
+  EXPECT_TRUE(stated("a.nii", nifti(q)));
+  q.sform = 0;
+  EXPECT_FALSE(stated("a.nii", nifti(q)));
+  q.qform = 1;
+  EXPECT_TRUE(stated("a.nii", nifti(q)));
+  const auto nrrd_in = [](const std::string& lines) {
+    return nrrd("type: uint8\ndimension: 3\nsizes: 5 4 3\nencoding: raw\n" + lines,
+                phantom_bytes(ScalarType::u8, false));
+  };
+  const std::string directions = "space directions: (1,0,0) (0,1,0) (0,0,1)\n";
+  for (const std::string space :
+       {"LPS", "RAS", "las", "left-posterior-superior", "right-anterior-superior-time", "RAST"})
+    EXPECT_TRUE(stated("a.nrrd", nrrd_in("space: " + space + "\n" + directions))) << space;
+  for (const std::string space : {"scanner-xyz", "3D-right-handed", "3D-left-handed"})
+    EXPECT_FALSE(stated("a.nrrd", nrrd_in("space: " + space + "\n" + directions))) << space;
+  EXPECT_FALSE(stated("a.nrrd", nrrd_in("space dimension: 3\n" + directions)));
+  EXPECT_FALSE(stated("a.nrrd", nrrd_in("spacings: 1 1 1\n")));
+  EXPECT_FALSE(stated("a.nrrd", nrrd_in("")));
+  const auto meta_with = [](const std::string& lines) {
+    return "ObjectType = Image\nNDims = 3\nDimSize = 5 4 3\nElementType = MET_UCHAR\n" + lines +
+           "ElementDataFile = LOCAL\n" + phantom_bytes(ScalarType::u8, false);
+  };
+  EXPECT_TRUE(stated("a.mha", meta_with("AnatomicalOrientation = RAI\n")));
+  EXPECT_FALSE(stated("a.mha", meta_with("AnatomicalOrientation = ???\n")));
+  EXPECT_FALSE(stated("a.mha", meta_with("TransformMatrix = 1 0 0 0 1 0 0 0 1\n")));
+  const std::string raw = folder.write("a.raw", phantom_bytes(ScalarType::u8, false));
+  EXPECT_FALSE(expect_read(raw, {.raw = RawLayout{kDims}}).patient_axes);
+  for (const bool placed : {true, false}) {
+    const Folder series;
+    for (std::uint32_t k = 0; k < 3; ++k)
+      series.write(std::to_string(k), dicom({.k = k, .placed = placed}));
+    EXPECT_EQ(expect_read(series.path(), {.spacing = glm::dvec3(1)}).patient_axes, placed);
+  }
+}
+
 TEST(Volume, DicomIsSortedByPlaceAndNotByName) {
   for (const auto* syntax : {"1.2.840.10008.1.2.1", "1.2.840.10008.1.2"}) {
     const Folder folder;
