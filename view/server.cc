@@ -337,7 +337,8 @@ Result<Server> Server::make(std::span<const std::string> fields, const ServerOpt
   }
   const auto port = SLF_TRY(state->http.bind(options.address, options.port));
   state->any_host = options.any_host;
-  state->root = "/" + SLF_TRY(make_token());
+  const auto token = SLF_TRY(make_token());
+  state->root = "/" + token;
   const std::string address = reachable_address(options.address);
   const bool ipv6 = address.find(':') != std::string::npos;
   state->url = "http://" + (ipv6 ? "[" + address + "]" : address) + ":" + std::to_string(port) +
