@@ -251,7 +251,9 @@ void CameraArguments::add_to(CLI::App& command) {
       ->excludes(angles);
   add_vector(command, "--look-at", look_at, "Point to look at; default: the sphere's centre");
   add_vector(command, "--up", up, "Direction that is up in the picture; default: 0,0,1");
-  add_number(command, "--fov", fov, "Vertical field of view in degrees; default: fits the sphere",
+  add_number(command, "--fov", fov,
+             "Vertical field of view in degrees; default: fits the sphere\n"
+             "from 3 radii, or from --eye",
              number([](double v) { return v > 0 && v < 180; }, "degrees above 0 and below 180"));
   add_size(command, size);
 }

@@ -1,39 +1,17 @@
 #include "field/structure_looks.h"
 
-#include <fnmatch.h>
-
 #include <algorithm>
 #include <cmath>
 #include <iomanip>
 #include <nlohmann/json.hpp>
-#include <set>
 #include <sstream>
 
 #include "base/ascii.h"
 #include "base/try.h"
+#include "base/wildcard.h"
 
 namespace slf {
 namespace {
-
-/// Whether a pattern fits a name, character by character. fnmatch() compares bytes, glibc's also
-/// under a UTF-8 locale, so one byte stands for each character of several, in their order.
-bool fits(std::string pattern, std::string name) {
-  const auto character = [](const std::string& text, std::size_t at) {
-    std::size_t end = at + 1;
-    while (end < text.size() && (static_cast<unsigned char>(text[end]) & 0xC0) == 0x80) ++end;
-    return text.substr(at, end - at);
-  };
-  std::set<std::string> wide;
-  for (const std::string& text : {pattern, name})
-    for (std::size_t at = 0; at < text.size(); at += character(text, at).size())
-      if (auto one = character(text, at); one.size() > 1) wide.insert(std::move(one));
-  for (std::string* text : {&pattern, &name})
-    for (std::size_t at = 0; at < text->size() && wide.size() < 128; ++at)
-      if (const auto found = wide.find(character(*text, at)); found != wide.end())
-        text->replace(at, found->size(), 1,
-                      static_cast<char>(0x80 + std::distance(wide.begin(), found)));
-  return fnmatch(pattern.c_str(), name.c_str(), 0) == 0;
-}
 
 /// Whether `text` is a number or #RRGGBB, which `look` then has.
 bool parse_look(std::string_view text, StructureLook& look) {
@@ -100,7 +78,7 @@ Result<std::vector<Structure>> structures_of(const Field& field,
     const bool named = std::ranges::count(names, look.name) > 0;
     bool found = false;
     for (std::size_t k = 0; k < names.size() && !look.field; ++k)
-      if (named ? look.name == names[k] : fits(look.name, names[k]))
+      if (named ? look.name == names[k] : fits_pattern(look.name, names[k]))
         shown_as[k] = look, found = true;
     if (!found) others.push_back(look);
   }

@@ -13,7 +13,7 @@
 
 namespace slf {
 
-/// How structures are shown. `name` is that of a state or a pattern (fnmatch), or of a file.
+/// How structures are shown. `name` is that of a state, a pattern (base/wildcard.h), or a file's.
 struct StructureLook {
   std::string name;
   float opacity = 1;

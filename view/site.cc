@@ -105,7 +105,6 @@ Result<Posters> make_posters(Field field, const Views& views) {
   std::ranges::copy(views.camera, view.begin());
   Camera camera =
       orbit_camera(sphere, view[0], view[1], std::max(view[2], 1.02), kPosterSize, kPosterSize);
-  camera.fov = fitted_fov(sphere, 3 * sphere.radius, kPosterSize, kPosterSize);
   const glm::dvec3 aside = sphere.radius * glm::dvec3(view[3], view[4], view[5]);
   camera.eye += aside;
   camera.look_at += aside;

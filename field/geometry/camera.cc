@@ -72,7 +72,7 @@ Camera orbit_camera(const Sphere& sphere, double azimuth, double elevation, doub
   camera.up = any_up(toward);
   camera.width = width;
   camera.height = height;
-  if (distance > 1) camera.fov = fitted_fov(sphere, distance * sphere.radius, width, height);
+  camera.fov = fitted_fov(sphere, 3 * sphere.radius, width, height);
   return camera;
 }
 
@@ -87,6 +87,8 @@ std::vector<Camera> random_cameras(const Sphere& sphere, double distance, std::u
     const double azimuth = 360 * uniform();
     cameras.push_back(
         orbit_camera(sphere, azimuth, std::asin(z) / kDegree, distance, width, height));
+    if (distance > 1)
+      cameras.back().fov = fitted_fov(sphere, distance * sphere.radius, width, height);
   }
   return cameras;
 }

@@ -142,11 +142,7 @@ Camera CameraPath::at(double seconds, std::uint32_t width, std::uint32_t height)
   place[1] = std::clamp(place[1], -90.0, 90.0);
   place[2] = std::max(place[2], 1e-3);
   Camera camera = orbit_camera(sphere_, place[0], place[1], place[2], width, height);
-  // If neither key has a field of view, the sphere fits the picture. Otherwise interpolate.
-  const auto fov = [&](const Key& key) {
-    if (key.place[6] > 0) return key.place[6];
-    return orbit_camera(sphere_, key.place[0], key.place[1], key.place[2], width, height).fov;
-  };
+  const auto fov = [&](const Key& key) { return key.place[6] > 0 ? key.place[6] : camera.fov; };
   if (b.place[6] > 0 || c.place[6] > 0) camera.fov = hermite(fov(b), fov(c), 0, 0, u);
   camera.look_at = {place[3], place[4], place[5]};
   camera.up = any_up(camera.look_at - camera.eye);

@@ -67,7 +67,8 @@ class RayGenerator {
 
 /// A camera that looks at the centre, from an azimuth and elevation in degrees and a distance in
 /// sphere radii. Azimuth 0 is the front (-y, anterior), 90 the patient's left (+x). Elevation 90 is
-/// above (+z). If the distance is above 1, the field of view is fitted_fov().
+/// above (+z). The field of view is fitted_fov() for a distance of 3, whatever the distance is, so
+/// that what is nearer appears larger, as in the page.
 [[nodiscard]] Camera orbit_camera(const Sphere& sphere, double azimuth, double elevation,
                                   double distance, std::uint32_t width, std::uint32_t height);
 
@@ -94,7 +95,7 @@ class CameraPath {
   /// There are 2 to 10,000 keys. `at` is in seconds, 0 to a day, and ascends; the path begins at
   /// that of the first key. Each key has an orbit (azimuth, elevation, distance as above; azimuths
   /// may exceed 360) or an eye in world units. It may have look_at (default: the sphere's centre)
-  /// and fov (default: the sphere fits the picture). bad_file: anything else; the message names
+  /// and fov (default: that of orbit_camera()). bad_file: anything else; the message names
   /// `name`, the key and what was expected.
   [[nodiscard]] static Result<CameraPath> parse(std::string_view json, const std::string& name,
                                                 const Sphere& sphere);
@@ -110,7 +111,7 @@ class CameraPath {
  private:
   struct Key {
     double at = 0;
-    /// Azimuth and elevation in degrees, distance in radii, look_at, fov in degrees (0: fitted).
+    /// Azimuth and elevation in degrees, distance in radii, look_at, fov in degrees or 0.
     std::array<double, 7> place{};
   };
   CameraPath(const Sphere& sphere, std::vector<Key> keys)

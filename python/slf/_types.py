@@ -38,7 +38,7 @@ class Orbit(NamedTuple):
 
 
 def orbit(azimuth: float = 30, elevation: float = 20, distance: float = 3) -> Orbit:
-    """A camera that looks at the centre of the sphere, which fits the picture.
+    """A camera that looks at the centre of the sphere, which fits the picture from 3 radii.
 
     azimuth: degrees; 0 is the front (-y, anterior), 90 the patient's left (+x).
     elevation: degrees; 90 is above (+z).

@@ -113,10 +113,8 @@ class PageTest(unittest.TestCase):
         page.settle()
         shown, drawn = path(name + "-page.png"), path(name + "-slf.png")
         page.canvas(shown)
-        # The page keeps the angle that fits the sphere at distance 3.
         slf("render", field, "-o", drawn, "-f", "--mode", mode, "--level", level, "--orbit",
-            ",".join(map(str, view)), "--size", f"{SIZE}x{SIZE}", "--fov", FOV, "--background",
-            "0,0,0", *options)
+            ",".join(map(str, view)), "--size", f"{SIZE}x{SIZE}", "--background", "0,0,0", *options)
         return json.loads(slf("compare", shown, drawn, "--json"))["psnr"] or 99.0
 
     def test_pictures_are_those_of_slf_render(self):
@@ -485,7 +483,7 @@ class PageTest(unittest.TestCase):
                 found = page.run(f"slf.pick({SIZE / 2}, {SIZE / 2})")
                 page.close()
                 options = [text for name in structures.split(",") for text in ("--structure", name)]
-                same = json.loads(slf("pick", field, "--orbit", "90,0,3", "--fov", FOV, "--size",
+                same = json.loads(slf("pick", field, "--orbit", "90,0,3", "--size",
                                       f"{SIZE}x{SIZE}", f"{SIZE // 2},{SIZE // 2}", "--json",
                                       *options))
                 with self.subTest(structures=structures):
@@ -518,14 +516,17 @@ class PageTest(unittest.TestCase):
             ["*:0.5:#010203"], ["a:b:0.5"], ["a:*:#ffffff"], ["a:0.5"], ["0.5:0.5"], [":0.5"],
             [":"], ["*:0.5", "core"], ["core", "*:0.5"], ["*", "l*:0", "a:b:#ff0000", "*x*:0.1"],
             ["core", "none"], ["e:0.5:0.25"], ["e:0.5:7:#ff0000"], ["e"], ["e:*:0.5"]]
-        with Host(os.path.join(ROOT, "view/page")) as host:
-            page = self.browser.open(host.url + "/style.css", 64, 64)
-            page.wait("document.readyState === 'complete'")
+        folder = path("named")
+        slf("export", field, "-o", folder, "-f")
+        shutil.copytree(os.path.join(ROOT, "view/page"), os.path.join(folder, "source"),
+                        dirs_exist_ok=True)
+        with Host(folder) as host:
+            page = self.browser.open(host.url + "/index.html", 64, 64)
+            page.settle()
             # With an unknown name, so that there are looks even if none is known.
-            found = page.run(f"""import('./structures.js').then(({{looksOf, layersOf}}) =>
+            found = page.run(f"""import('./source/structures.js').then(({{looksOf, layersOf}}) =>
               {json.dumps(lists)}.map((texts) => {{
-                const {{looks, unknown}} =
-                  looksOf({json.dumps(names)}, ['core:0', ...texts, 'no']);
+                const {{looks, unknown}} = looksOf(slf.field, ['core:0', ...texts, 'no']);
                 return unknown.length > 1 ? 'refused' : layersOf(looks).map(
                   ({{state, opacity, tint}}) => `${{state}} ${{opacity}} ${{tint}}`);
               }}))""")
@@ -537,6 +538,16 @@ class PageTest(unittest.TestCase):
             with self.subTest(texts=texts):
                 self.assertIn(done.returncode, [0, 4])
                 self.assertEqual(shown, slfs)
+
+    def test_hostile_patterns_in_the_address_take_no_time(self):
+        field = self.labelled("hostile", ["a" * 60, "b"])
+        with Server(field) as server:
+            for pattern in ["*a" * 12 + "*b", "*?" * 20 + "*b", "*[!b]" * 12 + "*b", "[" * 5000]:
+                page = self.browser.open(f"{server.url}#structures={quote(pattern)}", 64, 64)
+                begin = time.monotonic()
+                page.settle(30)
+                self.assertLess(time.monotonic() - begin, 10)
+                page.close()
 
     def test_structures_in_saved_views_and_as_an_attribute(self):
         field = self.structured()
@@ -1344,15 +1355,26 @@ data file: cube.raw
             self.assertLessEqual(abs(length - 24), 2)
             self.assertLess(0, error)
             self.assertLess(error, 4)
-            # The scale bar: pixels of its length, at the distance of the centre.
-            bar = page.run("""(() => {
-              const bar = slf.root.getElementById('scale');
-              return [parseFloat(bar.textContent), bar.querySelector('i').offsetWidth,
-                      bar.textContent];
-            })()""")
-            self.assertRegex(bar[2], r"^\d+ mm$")
-            radius = json.loads(slf("info", field, "--json"))["sphere"]["radius"]
-            self.assertAlmostEqual(bar[1], bar[0] * SIZE / (2 * 3 * 0.35355 * radius), delta=2)
+            # The scale bar spans its length on the face that is seen, from anywhere.
+            for view in ["0,0,3", "0,0,1.2", "0,0,1.6,0,0,0.2", "0,0,7"]:
+                page.run(f"slf.flyTo('{view}')")
+                page.settle()
+                length, text, a, b = page.run("""new Promise((done) => setTimeout(done, 300)).then(
+                  () => {
+                    const bar = slf.root.getElementById('scale');
+                    const half = bar.querySelector('i').getBoundingClientRect().width / 2;
+                    const at = (x) => slf.pick(slf.canvas.clientWidth / 2 + x,
+                                               slf.canvas.clientHeight / 2)?.point;
+                    return [parseFloat(bar.textContent), bar.innerText, at(-half), at(half)];
+                  })""")
+                with self.subTest(view=view):
+                    self.assertRegex(text, r"^[\d.]+ mm$")
+                    if a and b:
+                        self.assertAlmostEqual(math.dist(a, b), length, delta=0.1 * length)
+                    else:
+                        self.assertGreater(view, "0,0,3")  # the bar is longer than the face
+            page.run("slf.flyTo('0,0,3,1,0,1')")  # past the cube
+            page.wait("slf.root.getElementById('scale').hidden", 10)
             page.close()
         with Server(path("lit.slf")) as server:  # of a volume without a unit
             page = self.browser.open(server.url, SIZE, SIZE)

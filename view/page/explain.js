@@ -3,7 +3,7 @@
 import {add, Camera} from './camera.js';
 
 const kSwipe = 40;      // pixels that a swipe moves at least
-const kProbe = 120;     // milliseconds between looks at which notes have matter in front of them
+const kProbe = 120;     // milliseconds between looks at what is behind notes and the scale bar
 const kBehind = 0.03;   // radii that a note may lie below the surface
 const kBar = 120;       // pixels: the longest scale bar
 const kCorners = [[0, 0], [1, 1], [0, 1], [1, 0]];  // of a label, that may be at its point
@@ -163,7 +163,6 @@ export class Explain {
     if (!viewer.field?.shape) return;
     this.placeNotes();
     this.byId('lines').replaceChildren(...this.ruler());
-    this.scale();
     const now = performance.now();
     if (now - (this.probed ?? 0) > kProbe) this.probe();
     else this.later ??= setTimeout(() => this.probe(), kProbe);
@@ -190,16 +189,19 @@ export class Explain {
         element.classList.toggle(name, Boolean(on));
     }
   }
-  // Hides the notes that have matter in front of them.
+  // Hides the notes that have matter in front of them. Finds the distance that the scale bar is of.
   probe() {
     clearTimeout(this.later);
     this.later = undefined;
     const {viewer} = this, notes = this.notes.filter(({far}) => far > 0);
-    if (notes.length === 0 || !viewer.first || viewer.lost || !viewer.field.shape.hasDepth) return;
+    if (!viewer.first || viewer.lost || !viewer.field.shape.hasDepth) return;
     this.probed = performance.now();
-    const found = viewer.probe(notes.map(({x, y}) => [x, y]));
+    const {clientWidth, clientHeight} = viewer.canvas;
+    const [middle, ...found] =
+      viewer.probe([[clientWidth / 2, clientHeight / 2], ...notes.map(({x, y}) => [x, y])]);
     notes.forEach((note, i) => this.hide(note, found[i]?.distance < note.distance - kBehind));
     this.placeNotes();
+    this.scale(middle?.distance);
   }
   hide(note, behind) {
     note.behind = behind;
@@ -216,19 +218,21 @@ export class Explain {
     return [...(b ? [shape('line', {x1: a.x, y1: a.y, x2: b.x, y2: b.y})] : []),
             ...ends.map(({x, y}) => shape('circle', {cx: x, cy: y, r: 5}))];
   }
-  // A bar of a round length, as it appears at the point that the camera orbits.
-  scale() {
+  // A bar of a round length, as it appears on the surface in the middle of the picture, at so many
+  // radii from the eye; none if there is no surface.
+  scale(distance) {
     const {camera, canvas} = this.viewer, {clientWidth, clientHeight} = canvas;
+    const bar = this.byId('scale'), line = document.createElement('i');
+    bar.hidden = !(distance > 0 && clientHeight > 0);
+    if (bar.hidden) return;
     const {half} = camera.axes(clientWidth, clientHeight);
-    const unit = clientHeight / (2 * half * camera.distance * this.sphere.radius);  // in pixels
+    const unit = clientHeight / (2 * half * distance * this.sphere.radius);  // in pixels
     const ten = 10 ** Math.floor(Math.log10(kBar / unit));
     const length = [5, 2, 1].map((n) => n * ten).find((v) => v * unit <= kBar);
-    const bar = this.byId('scale'), line = document.createElement('i');
-    bar.hidden = false;
     bar.textContent = Number(length.toPrecision(3)) + this.unit;
     const said = bar.textContent + (this.unit ? '' : ' units of the volume');
     bar.setAttribute('aria-label', `Scale: the bar is ${said} long`);
-    bar.title = `${said}, at the centre of the view`;
+    bar.title = `${said}, on the surface in the middle`;
     line.style.width = `${length * unit}px`;
     bar.append(line);
   }

@@ -157,9 +157,8 @@ export class SlfField extends HTMLElement {
   set structures(given) {
     if (!this.settings) return this.setAttribute('structures', joined(split(given)));
     this.settings.structures = split(given);
-    const names = this.list.names;
-    if (!names) return;  // later
-    const {looks, unknown} = looksOf(names, this.settings.structures);
+    if (!this.list.names) return;  // later
+    const {looks, unknown} = looksOf(this.viewer.field, this.settings.structures);
     if (unknown.length > 0) this.hint(`This field has no structure named ${unknown.join(', ')}.`);
     this.list.show(looks);
     this.showLooks(looks);

@@ -23,28 +23,16 @@ function parsed(text, names) {
   if (look.opacity === 0) Object.assign(look, {shown: false, opacity: 1});
   return {name, look};
 }
-// What tells whether a pattern fits a name, as fnmatch() does.
-function fits(pattern) {
-  const text = pattern.replace(/\\(.)|\[!|[*?.+^${}()|]/gsu, (part, plain) =>
-    ({'[!': '[^', '*': '.*', '?': '.'})[part] ??
-    `\\u{${(plain ?? part).codePointAt(0).toString(16)}}`);
-  try {
-    const form = new RegExp(`^${text}$`, 'su');
-    return (name) => form.test(name);
-  } catch {  // a bracket without its other one
-    return () => false;
-  }
-}
-
-// How `texts` show structures with these names: {looks, unknown}; `unknown` are names that no
+// How `texts` show the structures of a field: {looks, unknown}; `unknown` are names that no
 // structure has. Without texts, or if none names a structure, all are shown.
-export function looksOf(names, texts = ['*']) {
+export function looksOf(field, texts = ['*']) {
+  const names = field.structures;
   const looks = names.map(() => ({...kPlain, shown: false})), unknown = [];
   for (const text of texts) {
     const {name, look} = parsed(text, names);
-    const is = names.includes(name) ? (one) => one === name : fits(name);
-    if (!names.some(is)) unknown.push(name);
-    names.forEach((one, k) => { if (is(one)) looks[k] = {...look}; });
+    const fits = names.includes(name) ? names.map((one) => one === name) : field.fitting(name);
+    if (!fits.some(Boolean)) unknown.push(name);
+    fits.forEach((is, k) => { if (is) looks[k] = {...look}; });
   }
   const useless = texts.length > 0 && texts.length === unknown.length;
   return {looks: useless ? names.map(() => ({...kPlain})) : looks, unknown};

@@ -77,7 +77,7 @@ export class Viewer {
     const field = this.field = new Field(source, await module);
     await field.open();
     field.state = field.stateNumber(this.settings.state);
-    field.layers = layersOf(looksOf(field.structures, this.settings.structures).looks);
+    field.layers = layersOf(looksOf(field, this.settings.structures).looks);
     decoders.open(field);
     this.loader = new Loader(field, decoders, fail);
     // The tiles that matter most come while the graphics card makes room.

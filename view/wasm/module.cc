@@ -19,6 +19,7 @@
 #include <vector>
 
 #include "base/try.h"
+#include "base/wildcard.h"
 #include "codec/codec.h"
 #include "field/geometry/level_geometry.h"
 #include "field/manifest.h"
@@ -267,6 +268,16 @@ SLF_EXPORT(slf_with_ancestors) const std::uint32_t* slf_with_ancestors() {
   return list(keys);
 }
 SLF_EXPORT(slf_tile_count) std::size_t slf_tile_count() { return module().tiles.size() / 3; }
+
+/// Returns a byte for each state of the object: whether its name fits the pattern in the buffer.
+SLF_EXPORT(slf_fitting) const std::byte* slf_fitting() {
+  Module& m = module();
+  const std::string pattern(chars_of(m.buffer));
+  m.buffer.clear();
+  for (const auto& state : m.manifest->states)
+    m.buffer.push_back(std::byte{fits_pattern(pattern, state.name)});
+  return m.buffer.data();
+}
 
 // ---- geometry, for the GPU ----------------------------------------------------------------------
 

@@ -278,6 +278,18 @@ TEST(CameraPath, OrbitsTurnAtASteadyPace) {
   EXPECT_FALSE(CameraPath::orbit(sphere, NAN, 20, 3, 1, 8));
 }
 
+TEST(OrbitCamera, KeepsItsFieldOfViewAtAnyDistance) {
+  const Sphere sphere{{1, 2, 3}, 10};
+  for (const double distance : {0.5, 1.2, 2.0, 3.0, 12.0}) {
+    EXPECT_DOUBLE_EQ(orbit_camera(sphere, 30, 20, distance, 64, 64).fov,
+                     fitted_fov(sphere, 30, 64, 64));
+    EXPECT_DOUBLE_EQ(orbit_camera(sphere, 30, 20, distance, 40, 64).fov,
+                     fitted_fov(sphere, 30, 40, 64));
+  }
+  const Camera random = random_cameras(sphere, 2, 1, 7, 64, 64).front();
+  EXPECT_DOUBLE_EQ(random.fov, fitted_fov(sphere, 20, 64, 64));
+}
+
 TEST(CameraPath, PassesThroughItsKeys) {
   const Sphere sphere{{0, 0, 0}, 100};
   const auto path = CameraPath::parse(
