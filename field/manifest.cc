@@ -23,16 +23,6 @@ constexpr const char* kPredictive = "predictive";
 /// Another: several states, some of whose tiles are the same.
 constexpr const char* kStates = "states";
 
-/// Leaves the file's name of a source's path: fields are published, and folders name people. Where
-/// no hash tells sources apart, `source` is a free text that does.
-void drop_folders(nlohmann::json& provenance) {
-  const auto source = provenance.find("source");
-  if (!provenance.contains("content") || source == provenance.end() || !source->is_string()) return;
-  auto& path = source->get_ref<std::string&>();
-  while (path.size() > 1 && path.ends_with('/')) path.pop_back();
-  path.erase(0, path.rfind('/') + 1);
-}
-
 /// Reads members of untrusted JSON. Records the first error and its place.
 class Reader {
  public:
@@ -167,15 +157,11 @@ OwnedJson difference(const nlohmann::json& from, const nlohmann::json& to) {
 }  // namespace
 
 void Manifest::set_states(std::span<const std::pair<std::string, OwnedJson>> provenances) {
+  provenance = provenances[0].second;
   states.clear();
-  for (const auto& [name, given] : provenances) {
-    OwnedJson own = given;
-    drop_folders(*own);
-    if (states.empty()) provenance = own;
-    states.push_back({name, difference(*provenance, *own)});
-  }
-  shape.states = static_cast<unsigned>(states.size());
-  if (states.size() == 1) states.clear();
+  for (const auto& [name, own] : provenances)
+    if (provenances.size() > 1) states.push_back({name, difference(*provenance, *own)});
+  shape.states = static_cast<unsigned>(provenances.size());
 }
 
 OwnedJson Manifest::to_json() const {

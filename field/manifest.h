@@ -38,8 +38,7 @@ struct Manifest {
   /// Whether the samples of a level are means of rays.
   [[nodiscard]] bool filtered(unsigned level) const { return level < filtered_levels; }
 
-  /// Sets the states, none if there is just one, and the provenance of each. Of a path that is the
-  /// member `source` only the file's name is kept, if the member `content` tells sources apart.
+  /// Sets the states, none if there is just one, and the provenance of each.
   void set_states(std::span<const std::pair<std::string, OwnedJson>> provenances);
 
   [[nodiscard]] OwnedJson to_json() const;

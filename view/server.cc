@@ -11,11 +11,10 @@
 
 #include <algorithm>
 #include <array>
-#include <cerrno>
 #include <cstdio>
-#include <cstring>
 #include <filesystem>
 #include <optional>
+#include <random>
 #include <utility>
 
 #include "base/file.h"
@@ -102,14 +101,11 @@ bool is_loopback(std::string_view host) {
   return false;
 }
 
-/// A word that nobody guesses: 32 hexadecimal digits.
-Result<std::string> make_token() {
-  std::array<unsigned char, 16> bytes;
-  if (::getentropy(bytes.data(), bytes.size()) != 0)
-    return fail(ErrorCode::failed, "the system has no random bytes: ", std::strerror(errno));
+/// A word that nobody guesses: 32 hexadecimal digits of the system's random numbers.
+std::string make_token() {
+  std::random_device random;
   std::string token;
-  for (const unsigned byte : bytes)
-    (token += "0123456789abcdef"[byte >> 4]) += "0123456789abcdef"[byte & 15];
+  while (token.size() < 32) token += "0123456789abcdef"[random() & 15];
   return token;
 }
 
@@ -337,8 +333,7 @@ Result<Server> Server::make(std::span<const std::string> fields, const ServerOpt
   }
   const auto port = SLF_TRY(state->http.bind(options.address, options.port));
   state->any_host = options.any_host;
-  const auto token = SLF_TRY(make_token());
-  state->root = "/" + token;
+  state->root = "/" + make_token();
   const std::string address = reachable_address(options.address);
   const bool ipv6 = address.find(':') != std::string::npos;
   state->url = "http://" + (ipv6 ? "[" + address + "]" : address) + ":" + std::to_string(port) +

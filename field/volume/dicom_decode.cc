@@ -18,7 +18,6 @@
 
 #include "base/child_process.h"
 #include "base/file.h"
-#include "field/volume/dicom_elements.h"
 #include "field/volume/gdcm_module.h"
 #include "field/volume/packing.h"
 

@@ -79,9 +79,7 @@ Result<void> check_same(const std::string& file, const Manifest& existing, const
   if (differs.empty() && existing.part == expected.part) return {};
   if (differs.empty()) return misuse(file, "exists and is another part of the field; ", cure);
   if (differs == "/provenance/content")
-    return misuse(file,
-                  "exists and was built from other data: the voxels of the input, or their "
-                  "geometry, have changed; ",
+    return misuse(file, "exists and was built from other data: what the input holds has changed; ",
                   cure);
   return misuse(file, "exists and was built with other settings (", differs, " differs); ", cure);
 }

@@ -40,10 +40,27 @@ Result<void> remove_leftover(const std::string& file, ByteSpan manifest) {
   return {};
 }
 
-/// Encodes a manifest. usage: readers would refuse it.
+/// Leaves of the path of a source the file's name: fields are published, and folders name people.
+/// Where no hash tells sources apart, `source` is a free text that does.
+void drop_folders(nlohmann::json& manifest) {
+  if (!manifest["provenance"].contains("content")) return;
+  const auto drop = [](nlohmann::json& of) {
+    const nlohmann::json::json_pointer at("/provenance/source");
+    if (!of.contains(at) || !of[at].is_string()) return;
+    auto& path = of[at].get_ref<std::string&>();
+    while (path.size() > 1 && path.ends_with('/')) path.pop_back();
+    path.erase(0, path.rfind('/') + 1);
+  };
+  drop(manifest);
+  if (manifest.contains("states"))
+    for (nlohmann::json& state : manifest["states"]) drop(state);
+}
+
+/// Encodes a manifest, without folders. usage: readers would refuse it.
 Result<Bytes> encode(const Manifest& manifest, const std::string& path) {
-  const std::string text =
-      manifest.to_json()->dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
+  OwnedJson json = manifest.to_json();
+  drop_folders(*json);
+  const std::string text = json->dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
   if (auto parsed = Manifest::parse(text, path); !parsed)
     return fail(ErrorCode::usage, parsed.error().message);
   const ByteSpan bytes = bytes_of(text);
@@ -149,8 +166,8 @@ void FieldWriter::set_pending_limit(std::uint64_t bytes) {
 
 /// Adds to the message of an error of the system what happens to the file.
 Result<void> FieldWriter::with_file_state(Result<void> written) const {
-  if (written || (written.error().code != ErrorCode::io &&
-                  written.error().code != ErrorCode::out_of_memory))
+  if (written ||
+      (written.error().code != ErrorCode::io && written.error().code != ErrorCode::out_of_memory))
     return written;
   return fail(written.error().code, output_ ? output_->path + ": not written: " : "",
               written.error().message,
