@@ -10,6 +10,7 @@
 #include <climits>
 #include <cstdio>
 #include <cstdlib>
+#include <filesystem>
 #include <system_error>
 #include <utility>
 
@@ -104,6 +105,14 @@ bool is_same_file(const std::string& a, const std::string& b) {
   return is_same_file(Descriptor(::open(a.c_str(), O_PATH | O_CLOEXEC)).get(), b);
 }
 
+bool is_same_place(const std::string& a, const std::string& b) {
+  const auto place = [](const std::string& path) {
+    std::error_code ignored;
+    return std::filesystem::weakly_canonical(resolve_links(path), ignored);
+  };
+  return is_same_file(a, b) || place(a) == place(b);
+}
+
 Result<void> check_output(const std::string& path, std::span<const std::string> inputs,
                           Existing existing) {
   const std::string target = resolve_links(path);
@@ -112,9 +121,7 @@ Result<void> check_output(const std::string& path, std::span<const std::string> 
   if (exists && S_ISDIR(status.st_mode)) return misuse(path, "is a folder; name a file in it");
   if (exists && !S_ISREG(status.st_mode)) return misuse(path, "is not a regular file");
   for (const std::string& input : inputs) {
-    if (input.empty()) continue;
-    const bool same = exists ? is_same_file(target, input) : target == resolve_links(input);
-    if (same)
+    if (!input.empty() && is_same_place(target, input))
       return misuse(path, "is the input", input == path ? std::string() : " (" + input + ")",
                     ", which would be lost; choose another output");
   }

@@ -48,6 +48,8 @@ enum class Existing { keep, replace };
 /// Whether both paths lead to one existing file, through symbolic or hard links.
 [[nodiscard]] bool is_same_file(const std::string& a, const std::string& b);
 [[nodiscard]] bool is_same_file(int descriptor, const std::string& path);
+/// The same, also of a file that is yet to be made.
+[[nodiscard]] bool is_same_place(const std::string& a, const std::string& b);
 
 /// What a program may write. It may replace two kinds of files, and asks these functions first: an
 /// output that the user named, and a file of its own that an earlier run left beside an output.

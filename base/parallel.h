@@ -53,7 +53,8 @@ template <class F>
 /// Makes items 0 to `count` - 1 on `threads` threads and passes them in that order to use(k, item)
 /// on the calling thread. new_maker() is called there once per thread, so that a maker, a function
 /// from k to a Result, can reuse scratch memory. Makers are never more than `window` items ahead of
-/// use(), which bounds memory. Returns the first error of either; then no further item begins.
+/// use(), which bounds memory. Where the system refuses threads, fewer do it, or the calling one.
+/// Returns the first error of either; then no further item begins.
 template <class NewMaker, class Use>
 [[nodiscard]] Result<void> make_in_order(std::uint64_t count, unsigned threads, std::size_t window,
                                          const NewMaker& new_maker, const Use& use) {
@@ -76,10 +77,12 @@ template <class NewMaker, class Use>
       changed.notify_all();
     }
   };
+  std::optional<Maker> own;  // of the calling thread
   const auto use_all = [&]() -> Result<void> {
     for (std::uint64_t k = 0; k < count; ++k) {
       std::unique_lock lock(mutex);
       std::optional<Made>& slot = slots[k % slots.size()];
+      if (own) slot = guarded([&] { return (*own)(k); });
       changed.wait(lock, [&] { return slot.has_value(); });
       Made item = *std::exchange(slot, std::nullopt);
       ++taken;
@@ -95,7 +98,8 @@ template <class NewMaker, class Use>
     for (unsigned t = 0; t < std::max(threads, 1u); ++t)
       workers.emplace_back([&work, make = new_maker()]() mutable { work(make); });
   });
-  if (!workers.empty()) done = guarded(use_all);  // fewer threads will do
+  if (workers.empty()) done = guarded([&] { own.emplace(new_maker()); });
+  if (done || !workers.empty()) done = guarded(use_all);
   {
     const std::lock_guard lock(mutex);
     stop = true;

@@ -14,7 +14,10 @@ struct DiffArguments {
 };
 
 std::string tile_name(const Field& field, const std::optional<TileKey>& key) {
-  return key ? to_string(address_of(field, *key)) : "";
+  if (!key) return "";
+  const std::uint64_t state = state_of(*key);
+  return to_string(address_of(field, in_state(*key, 0))) +
+         (state > 0 ? " of state " + field.states()[state] : "");
 }
 
 nlohmann::json difference_json(const Field& field, const FieldDifference& difference) {
@@ -54,8 +57,10 @@ void print_difference(const Field& field, const FieldDifference& difference) {
 Result<void> run_diff(const DiffArguments& arguments) {
   const auto a = SLF_TRY(arguments.a.open());
   const auto b = SLF_TRY(arguments.b.open());
+  DiffOptions options = arguments.diff;
+  options.all_states = arguments.a.state.empty() && arguments.b.state.empty();
   const auto difference =
-      SLF_TRY(diff_fields(a, b, arguments.diff, progress_bar("diff", "tiles", OnSignal::end)));
+      SLF_TRY(diff_fields(a, b, options, progress_bar("diff", "tiles", OnSignal::end)));
   if (arguments.json)
     print_json(difference_json(a, difference));
   else
@@ -79,7 +84,8 @@ void add_diff(CLI::App& app, Run& run) {
              "Exit with 0 if both have the same tiles, none below this PSNR, whatever\n"
              "their bytes and manifests; without it any difference ends with 7",
              kNotNegative);
-  add_state(*command, "--state-a", a->a.state, "The state of A: its name or number, from 0");
+  add_state(*command, "--state-a", a->a.state,
+            "The state of A: its name or number, from 0; default:\nall, and all of B");
   add_state(*command, "--state-b", a->b.state, "The state of B");
   add_threads(*command, a->diff.threads);
   command->add_flag("--json", a->json, "JSON on stdout");

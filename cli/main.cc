@@ -2,10 +2,9 @@
 
 #include <csignal>
 #include <cstdio>
-#include <exception>
 #include <iostream>
-#include <new>
 
+#include "base/guarded.h"
 #include "cli/command.h"
 
 namespace {
@@ -58,10 +57,8 @@ int main(int argc, char** argv) {
   int code = 0;
   try {
     code = run_command(argc, argv);
-  } catch (const std::bad_alloc&) {
-    code = fail({ErrorCode::out_of_memory, "out of memory"});
-  } catch (const std::exception& error) {
-    code = fail({ErrorCode::failed, std::string("unexpected: ") + error.what()});
+  } catch (...) {
+    code = fail(slf::error_of_exception());
   }
   // Die of the signal, so that a shell also ends a loop around the command. No exit code does that.
   if (const int signal = slf::cli::stop_signal(); signal != 0) {

@@ -60,6 +60,17 @@ Result<void> split(const RepackArguments& a, std::span<const StateSource> states
   return {};
 }
 
+/// Says that the light which a field keeps, that of its first state, is not that of a copy.
+/// `first`: the first state of that copy, or of one of several.
+void say_left_out_light(const RepackArguments& a, const Field& field, const Field& first) {
+  const bool kept = first.path() == field.path() && first.state() == 0;
+  if (kept || a.no_light || a.dry_run) return;
+  if (const auto light = field.light(); light && !light->empty())
+    note(field.path() +
+         ": the light that it keeps is left out: it is not that of the copy's first "
+         "state");
+}
+
 Result<void> run_repack(const RepackArguments& a) {
   bound_freed_memory(a.repack.memory);
   RepackOptions options = a.repack;
@@ -71,6 +82,7 @@ Result<void> run_repack(const RepackArguments& a) {
     const auto field = SLF_TRY(open_field(input));
     const auto chosen = SLF_TRY(hinted(state_sources(field, join_names(field, a.states))));
     states.insert(states.end(), chosen.begin(), chosen.end());
+    say_left_out_light(a, field, states.front().field);
   }
   if (a.inputs.size() > 1 && !a.merge)
     return fail(ErrorCode::usage, "several fields: --merge-states makes states of them");

@@ -150,6 +150,12 @@ std::vector<TileKey> TileCoder::references(TileKey key, ByteSpan payload) const 
   return named;
 }
 
+Result<ByteSpan> TileCoder::without_states(TileKey key, ByteSpan payload) const {
+  const Head head = SLF_TRY(take_head(key, payload));
+  if (head.back > 0) return damaged("the payload names a state before the first");
+  return payload;
+}
+
 template <class Code>
 Result<void> TileCoder::predict(TileKey key, const Head& head,
                                 std::span<const ReferenceSamples> from, const Code& code) const {

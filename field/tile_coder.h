@@ -55,6 +55,8 @@ class TileCoder {
 
   /// The tiles that an untrusted payload names. The field may not have such a tile.
   [[nodiscard]] std::vector<TileKey> references(TileKey key, ByteSpan payload) const;
+  /// The untrusted payload of a tile of state 0, as a field of that state alone has it.
+  [[nodiscard]] Result<ByteSpan> without_states(TileKey key, ByteSpan payload) const;
   /// Decodes an untrusted payload into `samples`, which has exactly the tile's size. `from`: all
   /// that the payload names. bad_file: the payload is damaged, or names others.
   [[nodiscard]] Result<void> decode(TileKey key, ByteSpan payload,

@@ -168,7 +168,7 @@ Result<void> Environment::put(std::span<const Put> puts) {
     if (map_.changed()) return check_length();
     if (code == 0) {
       start_writeback();
-      return extend();
+      return {};
     }
     if (code != MDB_MAP_FULL) return error(code, "write");
     SLF_TRY(grow());
@@ -203,6 +203,7 @@ Result<void> Environment::extend() {
   const auto [file, bytes, needed] = SLF_TRY(length());
   if (bytes < needed && ftruncate(file, static_cast<off_t>(needed)) != 0)
     return error(errno, "extend");
+  if (map_.changed()) return check_length();
   return {};
 }
 

@@ -151,7 +151,12 @@ struct TileWriter::State {
 
   [[nodiscard]] Result<void> commit() {
     if (!environment) return misuse(path, "was closed");
-    if (records.empty() && blobs.empty() && edits.empty()) return check_place();
+    if (!records.empty() || !blobs.empty() || !edits.empty()) SLF_TRY(commit_pending());
+    SLF_TRY(environment->extend());
+    return check_place();
+  }
+
+  [[nodiscard]] Result<void> commit_pending() {
     SLF_TRY(before_commit());
     Container committed = container;
     committed.records += records.size();
@@ -163,7 +168,9 @@ struct TileWriter::State {
       for (const internal::Tile& tile : edit.tiles)
         if (tile.state == TileState::stored) payloads.emplace_back(tile.payload);
     }
-    SLF_TRY(write(*environment, edited, records, blobs, committed));
+    const std::uint64_t before = environment->transaction();
+    auto written = write(*environment, edited, records, blobs, committed);
+    if (environment->transaction() == before) return written;
     container = committed;
     records.clear();
     record_bytes = 0;
@@ -171,7 +178,7 @@ struct TileWriter::State {
     edits.clear();
     edited_bytes = 0;
     base.reset();
-    return check_place();
+    return written;
   }
 
   [[nodiscard]] tl::unexpected<Error> no_record(TileKey key) const {
@@ -208,6 +215,7 @@ Result<TileWriter> TileWriter::create(const std::string& path,
     {
       auto environment = SLF_TRY(Environment::open(name, file.descriptor()));
       SLF_TRY(write_new(*environment, sealed));
+      SLF_TRY(environment->extend());
     }
     SLF_TRY(file.publish(Existing::keep));
     published = true;
@@ -373,7 +381,7 @@ Result<Edit*> TileWriter::State::edit(TileKey key) {
     edit.first = record->first();
     for (internal::Record::Walk walk(*record); walk.next();) edit.tiles.push_back(walk.tile());
   } else {
-    SLF_TRY(base->unchanged());  // else the disk may be what is damaged
+    SLF_TRY(base->unchanged());                          // else the disk may be what is damaged
     std::uint64_t room = slf::in_state(*last, 0).index;  // no record has tiles of two states
     if (before && before->level == last->level && state_of(*before) == state_of(*last))
       room = last->index - before->index - 1;

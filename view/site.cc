@@ -117,7 +117,11 @@ Result<Posters> make_posters(Field field, const Views& views) {
       if (provenance.contains(key) && provenance[key].is_string())
         posters.title = fs::path(provenance[key].get<std::string>()).filename().string();
   ViewStatistics coarse;
-  if (!renderer.render(camera, {mode, 0}, &coarse)) return posters;
+  auto image = renderer.render(camera, {mode, 0}, &coarse);
+  // A damaged field is shown as far as it can be read.
+  const auto is_damaged = [&] { return !image && image.error().code == ErrorCode::bad_file; };
+  if (is_damaged()) return posters;
+  SLF_TRY(std::move(image));
   const std::vector itself{Structure{field}};
   for (const auto& [part, opacity, tint] : field.structures() ? *field.structures() : itself)
     SLF_TRY(list_tiles(part, {.last_level = 0}, [&](const ListedTile& tile) {
@@ -126,14 +130,15 @@ Result<Posters> make_posters(Field field, const Views& views) {
                          std::to_string(tile.offset_bytes + tile.payload_bytes) + " ";
       return Result<void>();
     }));
-  auto image = renderer.render(camera, {mode, matching_level(field.shape(), camera, mode)});
-  if (!image) return posters;  // a damaged field is shown as far as it can be read
-  SLF_TRY(map_tones(field, std::nullopt, /*display=*/true, *image));
+  image = renderer.render(camera, {mode, matching_level(field.shape(), camera, mode)});
+  if (is_damaged()) return posters;
+  Image picture = SLF_TRY(std::move(image));
+  SLF_TRY(map_tones(field, std::nullopt, /*display=*/true, picture));
   for (const auto& [background, poster] : {std::pair{glm::vec3(0), &posters.dark},
                                            {glm::vec3(244, 245, 247) / 255.0f, &posters.light}})
     for (int quality = 88; poster->empty() || poster->size() > kMaxPosterBytes; quality -= 8) {
       const auto bytes = SLF_TRY(
-          encode_image("poster.jpg", *image, {.background = background, .jpeg_quality = quality}));
+          encode_image("poster.jpg", picture, {.background = background, .jpeg_quality = quality}));
       poster->assign(chars_of(bytes));
       if (quality <= 8) break;
     }

@@ -84,6 +84,18 @@ Result<void> check_entry(const json& entry, std::span<const Member> members,
   return {};
 }
 
+/// usage: the field does not have the structures that a saved view shows.
+Result<void> check_structures(const json& view, const Field& field) {
+  const auto names = view.value("structures", std::vector<std::string>());
+  const auto looks = SLF_TRY(parse_structures(names, field.states()));
+  if (looks.empty()) return {};
+  std::vector<StructureLook> unknown = has_structures(field) ? std::vector<StructureLook>() : looks;
+  if (unknown.empty()) SLF_TRY(structures_of(field, looks, unknown));
+  if (unknown.empty()) return {};
+  return misuse(field.path(), "has no structure '", unknown[0].name, "', which the saved view '",
+                view["title"].get<std::string>(), "' shows");
+}
+
 /// A text with %XX in place of what separates texts in a list, or begins an escape.
 std::string escaped(const std::string& text) {
   std::string result;
@@ -149,6 +161,9 @@ Result<Views> parse_views(const ViewsFile& file, const Sphere& sphere) {
 }
 
 Result<void> begin_with(const First& first, const Field& field, Views& views) {
+  const json saved = views.json.empty() ? json::object() : json::parse(views.json);
+  for (const json& view : saved.value("views", json::array()))
+    SLF_TRY(check_structures(view, field));
   auto looks = SLF_TRY(parse_structures(first.structures, field.states()));
   std::vector<StructureLook> unknown;
   if (!first.state.empty()) {

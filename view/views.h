@@ -42,7 +42,8 @@ struct First {
   std::string state{};                    ///< of the object, by its name or number; empty: state 0
   std::vector<std::string> structures{};  ///< that are shown; none: as the views say, or all
 };
-/// Adds what is shown first to views. usage: the field has no such state or structure.
+/// Adds what is shown first to views. usage: the field has no such state or structure, or not those
+/// that the views show.
 [[nodiscard]] Result<void> begin_with(const First& first, const Field& field, Views& views);
 
 }  // namespace slf::view

@@ -56,14 +56,18 @@ ByteSpan channel_of(const TileShape& shape, ByteSpan samples, bool depth) {
 /// Compares batches of tiles on one thread.
 class Comparer {
  public:
-  /// `channels`: 1: colour, which both have; 2: depth, too.
-  Comparer(TileCache& tiles_a, TileCache& tiles_b, std::size_t channels)
+  /// `channels`: 1: colour, which both have; 2: depth, too. `composed`: a field is. `by_bytes`:
+  /// whether a tile that has the same bytes in both fields has the same samples, or is predicted
+  /// from one that has not.
+  Comparer(TileCache& tiles_a, TileCache& tiles_b, std::size_t channels, bool composed,
+           bool by_bytes)
       : a_(tiles_a.field()),
         b_(tiles_b.field()),
         tiles_a_(tiles_a),
         tiles_b_(tiles_b),
         channels_(channels),
-        same_codec_(have_same_codec(a_, b_)) {}
+        composed_(composed),
+        by_bytes_(by_bytes) {}
 
   /// The sum of each channel.
   Result<std::vector<Sum>> compare(std::span<const TileKey> keys) {
@@ -78,7 +82,12 @@ class Comparer {
   }
 
  private:
-  Result<void> compare(const TileRef& a, const TileRef& b, std::vector<Sum>& sums) {
+  Result<void> compare(TileRef a, TileRef b, std::vector<Sum>& sums) {
+    if (composed_) {  // no file has what is compared
+      const auto pin_a = SLF_TRY(tiles_a_.load(a.key));
+      const auto pin_b = SLF_TRY(tiles_b_.load(b.key));
+      a = {pin_a.state(), a.key}, b = {pin_b.state(), b.key};
+    }
     const bool lacks_a = a.state == TileState::missing, lacks_b = b.state == TileState::missing;
     for (Sum& sum : sums) {
       sum.counts.only_in_a += !lacks_a && lacks_b ? 1 : 0;
@@ -93,15 +102,17 @@ class Comparer {
     SLF_TRY(a_.store().fetch(a));
     SLF_TRY(b_.store().fetch(b));
     const bool same_bytes = a.state == b.state && std::ranges::equal(a.payload, b.payload);
-    if (same_bytes && (same_codec_ || a.state == TileState::empty)) return {};
+    const bool same_source = a.source == b.source || !a_.predicts();
+    if (same_bytes && ((by_bytes_ && same_source) || a.state == TileState::empty)) return {};
 
     SLF_TRY(tiles_a_.read(a.key, samples_a_));
     SLF_TRY(tiles_b_.read(b.key, samples_b_));
-    for (std::size_t c = 0; c < sums.size(); ++c) compare_channel(c == 1, a.key, sums[c]);
+    for (std::size_t c = 0; c < sums.size(); ++c)
+      compare_channel(c == 1, a.key, same_bytes, sums[c]);
     return {};
   }
 
-  void compare_channel(bool depth, TileKey key, Sum& sum) {
+  void compare_channel(bool depth, TileKey key, bool same_bytes, Sum& sum) {
     const TileShape shape_a = a_.tile_shape(key), shape_b = b_.tile_shape(key);
     // Depth is undefined where nothing is visible.
     if (depth) to_floats(is_half(a_.format()), channel_of(shape_a, samples_a_, false), colors_);
@@ -110,10 +121,15 @@ class Comparer {
     double squares = 0;
     for (std::size_t k = 0; k < numbers_a_.size(); ++k) {
       if (depth && colors_[4 * k + 3] <= 0) continue;
-      const double difference = double{numbers_a_[k]} - double{numbers_b_[k]};
-      squares += difference * difference;
+      const double x = numbers_a_[k], y = numbers_b_[k];
+      if (x == y || (std::isnan(x) && std::isnan(y))) continue;
+      // What is no number differs from any number without bound.
+      squares += std::isfinite(x - y) ? (x - y) * (x - y) : std::numeric_limits<double>::infinity();
     }
-    ++(squares == 0 ? sum.counts.recoded : sum.counts.differing);
+    if (squares > 0)
+      ++sum.counts.differing;
+    else if (!same_bytes)
+      ++sum.counts.recoded;
     sum.squares += squares;
     const double mean = squares / static_cast<double>(numbers_a_.size());
     if (mean > sum.worst) sum.worst = mean, sum.counts.worst = key;
@@ -124,7 +140,8 @@ class Comparer {
   TileCache& tiles_a_;
   TileCache& tiles_b_;
   const std::size_t channels_;
-  const bool same_codec_;
+  const bool composed_;
+  const bool by_bytes_;
   Bytes samples_a_, samples_b_;
   std::vector<float> numbers_a_, numbers_b_, colors_;
 };
@@ -147,6 +164,7 @@ bool same_rays(const FieldShape& a, const FieldShape& b) {
 FieldShape union_shape(const FieldShape& a, const FieldShape& b) {
   FieldShape shape = a;
   shape.levels = std::max(a.levels, b.levels);
+  shape.states = std::max(a.states, b.states);
   shape.subfields.clear();
   if (!a.subfields.empty() && !b.subfields.empty())
     std::ranges::set_union(a.subfields, b.subfields, std::back_inserter(shape.subfields));
@@ -184,18 +202,35 @@ bool FieldDifference::alike(double min_psnr) const {
 
 Result<FieldDifference> diff_fields(const Field& handle_a, const Field& handle_b,
                                     const DiffOptions& options, const ProgressCallback& progress) {
-  const FieldFile &a = handle_a.file(), &b = handle_b.file();
+  std::shared_ptr<const FieldFile> all_of_a, all_of_b;
+  const bool composed = handle_a.structures() || handle_b.structures();
+  if (options.all_states && !composed) {
+    all_of_a = SLF_TRY(FieldFile::open(handle_a.file().store(), FieldFile::kAllStates));
+    all_of_b = SLF_TRY(FieldFile::open(handle_b.file().store(), FieldFile::kAllStates));
+  }
+  const FieldFile& a = all_of_a ? *all_of_a : handle_a.file();
+  const FieldFile& b = all_of_b ? *all_of_b : handle_b.file();
   FieldDifference difference;
   difference.manifest = manifest_difference(a, b);
   difference.comparable = same_rays(a.shape(), b.shape());
   if (!difference.comparable) return difference;
 
-  TileCache tiles_a(a, kMemory), tiles_b(b, kMemory);
+  TileCache tiles_a(a, kMemory, kUnlimited, true, handle_a.structures()),
+      tiles_b(b, kMemory, kUnlimited, true, handle_b.structures());
+  // One state alone may be predicted from others, which are not compared.
+  const bool by_bytes = have_same_codec(a, b) && !composed &&
+                        (options.all_states || !a.predicts() ||
+                         (a.manifest().states.empty() && b.manifest().states.empty()));
   const std::size_t channels = a.has_depth() && b.has_depth() ? 2 : 1;
   const TileOrder order(union_shape(a.shape(), b.shape()));
-  const auto in_a = SLF_TRY(a.recorded(order));
-  const auto in_b = SLF_TRY(b.recorded(order));
-  const TileSelection all = united(in_a, in_b);
+  TileSelection all;
+  std::vector<const FieldFile*> files{&a, &b};
+  for (const Field* handle : {&handle_a, &handle_b})
+    if (handle->structures()) std::ranges::copy(files_of(*handle), std::back_inserter(files));
+  for (const FieldFile* file : files) {
+    const auto recorded = SLF_TRY(file->recorded(order));
+    all = united(all, recorded);
+  }
   const std::uint64_t batches = (all.count() + kBatch - 1) / kBatch;
   const unsigned threads = thread_count(options.threads);
   const auto keys_of = [&](std::uint64_t batch) {
@@ -205,9 +240,8 @@ Result<FieldDifference> diff_fields(const Field& handle_a, const Field& handle_b
     return keys;
   };
   const auto new_maker = [&] {
-    return [&, comparer = Comparer(tiles_a, tiles_b, channels)](std::uint64_t batch) mutable {
-      return comparer.compare(keys_of(batch));
-    };
+    return [&, comparer = Comparer(tiles_a, tiles_b, channels, composed, by_bytes)](
+               std::uint64_t batch) mutable { return comparer.compare(keys_of(batch)); };
   };
   std::vector<Sum> total(channels);
   Reporter reporter(progress, {0, all.count(), 0},

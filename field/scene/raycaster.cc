@@ -308,6 +308,11 @@ RayCounts Raycaster::trace_counted(std::span<const Segment> rays, std::span<RayS
 }
 
 std::string Raycaster::provenance() const { return state_->seen().provenance; }
-std::vector<std::string> Raycaster::files() const { return state_->lit->scene->volume.files; }
+std::vector<std::string> Raycaster::files() const {
+  std::vector<std::string> files = state_->lit->scene->volume.files;
+  const std::lock_guard lock(state_->lit->preparing);
+  if (state_->lit->pending) files.push_back(state_->lit->pending->file);  // it will be written
+  return files;
+}
 
 }  // namespace slf

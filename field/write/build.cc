@@ -24,7 +24,6 @@
 #include "field/write/same_tiles.h"
 #include "field/write/shard_plan.h"
 #include "field/write/tile_tracer.h"
-#include "slf/merge.h"
 
 namespace slf {
 namespace {
@@ -347,6 +346,8 @@ Result<Manifest> plan(std::span<const FieldState> states, const BuildOptions& op
 struct TileSource {
   std::vector<const Scene*> scenes;  ///< of the states; none if tiles are read
   TileTracer::Read read;
+  CodecPointer codec;               ///< if tiles are read
+  ByteSpan light;                   ///< that the field keeps, if tiles are read
   std::vector<std::string> inputs;  ///< files that must not be replaced
 
   [[nodiscard]] TileTracer tracer(const Manifest& manifest) const {
@@ -354,7 +355,7 @@ struct TileSource {
   }
 };
 
-Result<BuildReport> build(const TileSource& source, Manifest manifest, const std::string& path,
+Result<BuildReport> build(TileSource source, Manifest manifest, const std::string& path,
                           const BuildOptions& options, const ProgressCallback& progress) {
   std::vector<std::string> inputs = source.inputs;
   inputs.push_back(options.shard.coarser);
@@ -388,7 +389,7 @@ Result<BuildReport> build(const TileSource& source, Manifest manifest, const std
   const GoOn go_on = [&] { return reporter.go_on(); };
   // Light is computed once, and kept in the file from its first commit on.
   bool has_light = source.scenes.empty();
-  Bytes light;
+  Bytes light(source.light.begin(), source.light.end());
   if (!has_light) {
     const Scene& first = *source.scenes[0];
     has_light = earlier && first.set_light(earlier->light);
@@ -396,9 +397,10 @@ Result<BuildReport> build(const TileSource& source, Manifest manifest, const std
     for (const Scene* scene : source.scenes) SLF_TRY(scene->prepare());
     if (!has_light) light = first.light();
   }
-  const auto codec = SLF_TRY(earlier   ? Result<CodecPointer>(std::move(earlier->codec))
-                             : coarser ? codec_of(*coarser)
-                                       : train_codec(tracer, manifest, go_on));
+  if (earlier) source.codec = std::move(earlier->codec);
+  const auto codec = SLF_TRY(source.codec ? Result<CodecPointer>(std::move(source.codec))
+                             : coarser    ? codec_of(*coarser)
+                                          : train_codec(tracer, manifest, go_on));
   const auto draft = source.read ? FieldWriter::Draft::discard : FieldWriter::Draft::keep;
   auto writer =
       SLF_TRY(!earlier ? FieldWriter::create(output, draft, manifest, codec->tables(), light)
@@ -468,7 +470,7 @@ Result<BuildReport> build_field(std::span<const FieldState> states, const std::s
       source.scenes.push_back(state.scene);
       for (const std::string& file : state.scene->files()) source.inputs.push_back(file);
     }
-    return build(source, std::move(manifest), path, options, progress);
+    return build(std::move(source), std::move(manifest), path, options, progress);
   } catch (...) {  // from the scene, or std::bad_alloc
     const Error error = error_of_exception();
     return fail(error.code, path, ": ", error.message);
@@ -487,15 +489,17 @@ OwnedJson rays_of(const FieldFile& field) {
   return manifest.to_json();
 }
 
-/// Whether these are all states of one complete local field, which has this manifest.
-bool is_whole(std::span<const StateSource> states, const Manifest& manifest) {
-  const auto whole = FieldFile::whole(states[0].field.path());
-  if (!whole || (*whole)->manifest().to_json() != manifest.to_json()) return false;
+/// All states of the one field that these are, in this order, if it has this manifest; else null.
+Result<std::shared_ptr<const FieldFile>> whole_of(std::span<const StateSource> states,
+                                                  const Manifest& manifest) {
+  const auto& first = states[0].field.file().store();
   for (unsigned k = 0; k < states.size(); ++k)
-    if (states[k].field.path() != states[0].field.path() || states[k].field.file().state() != k)
-      return false;
-  const auto content = (*whole)->content();
-  return content && content->complete;
+    if (const FieldFile& file = states[k].field.file();
+        file.path() != first.path() || file.store().transaction() != first.transaction() ||
+        file.state() != k)
+      return nullptr;
+  auto whole = SLF_TRY(FieldFile::open(first, FieldFile::kAllStates));
+  return whole->manifest().to_json() == manifest.to_json() ? whole : nullptr;
 }
 
 Result<RepackReport> join(std::span<const StateSource> states, const std::string& path,
@@ -505,6 +509,7 @@ Result<RepackReport> join(std::span<const StateSource> states, const std::string
   std::vector<std::unique_ptr<TileCache>> caches;
   std::vector<std::pair<std::string, OwnedJson>> provenances;
   for (const StateSource& state : states) {
+    SLF_TRY(check_not_composed(state.field));
     const FieldFile& field = state.field.file();
     const FieldFile& first = states[0].field.file();
     if (rays_of(field) != rays_of(first))
@@ -517,18 +522,17 @@ Result<RepackReport> join(std::span<const StateSource> states, const std::string
     provenances.emplace_back(state.name, field.manifest().provenance_of(field.state()));
   }
   SLF_TRY(check_names(provenances));
-  const auto planned = SLF_TRY(plan_repack(*caches[0], options));
+  auto planned = SLF_TRY(plan_repack(*caches[0], options));
   const FieldFile& first = states[0].field.file();
   Manifest manifest = first.manifest();
   manifest.shape = planned.shape;
   manifest.format = planned.format;
   manifest.codec = planned.codec->spec();
   manifest.set_states(provenances);
-  if (options.light && is_whole(states, manifest)) {
-    const auto merged = SLF_TRY(merge_fields(
-        {first.path()}, path, {options.memory, options.threads, false, options.replace}, progress));
-    return RepackReport{merged.tiles, merged.tiles, 0, 0, merged.payload_bytes, merged.file_bytes};
-  }
+  const auto whole = SLF_TRY(whole_of(states, manifest));
+  if (whole) return repack_file(*whole, path, options, progress);
+  source.light = SLF_TRY(kept_light(first, options));
+  source.codec = std::move(planned.codec);
   source.read = [&](TileKey key, TracedTile& tile) -> Result<void> {
     TileCache& cache = *caches[state_of(key)];
     const TileKey own = in_state(key, 0);
@@ -542,7 +546,8 @@ Result<RepackReport> join(std::span<const StateSource> states, const std::string
   BuildOptions build_options;
   build_options.threads = options.threads;
   build_options.replace = options.replace;
-  const auto built = SLF_TRY(build(source, std::move(manifest), path, build_options, progress));
+  const auto built =
+      SLF_TRY(build(std::move(source), std::move(manifest), path, build_options, progress));
   const auto written = SLF_TRY(FieldFile::whole(path));
   const auto content = SLF_TRY(written->content());
   return RepackReport{built.tiles + built.resumed, 0, built.tiles, 0, content.payload_bytes,

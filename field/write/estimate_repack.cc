@@ -88,6 +88,7 @@ Result<Estimate> count(const FieldFile& field, const FieldShape& shape) {
       field.store().visit(all.begin, all.end, [&](const storage::TileRef& tile) -> Result<void> {
         if (!shape.has(tile.key)) return {};
         sum.bytes += static_cast<double>(tile.payload.size());
+        if (tile.state == TileState::stored && field.coder().uses_states()) --sum.bytes;
         sum.stored += tile.state == TileState::stored ? 1 : 0;
         return {};
       }));
@@ -124,6 +125,7 @@ Result<Estimate> sample(const SampleEncoder& encoder, const TileOrder& order, st
 
 Result<RepackEstimate> estimate_repack(const Field& handle, const RepackOptions& options,
                                        const ProgressCallback& progress) {
+  SLF_TRY(check_not_composed(handle));
   const FieldFile& field = handle.file();
   TileCache tiles(field, options.memory / 3);
   const auto plan = SLF_TRY(plan_repack(tiles, options));
@@ -144,7 +146,7 @@ Result<RepackEstimate> estimate_repack(const Field& handle, const RepackOptions&
                  field.path()));
     total += estimate;
   }
-  const ByteSpan light = SLF_TRY(options.light ? field.light() : ByteSpan());
+  const ByteSpan light = SLF_TRY(kept_light(field, options));
   std::uint64_t indexed = 0;
   for (unsigned level = 0; level <= shape.levels; ++level)
     if (shape.tiles(level) <= kMaxIndexedTiles) indexed += shape.tiles(level);

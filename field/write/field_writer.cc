@@ -80,7 +80,7 @@ Result<FieldOutput> FieldOutput::at(const std::string& path, Existing existing,
   SLF_TRY(check_output(path, inputs));
   for (const std::string& draft : {output.unfinished(), output.repacking()}) {
     for (const std::string& input : inputs)
-      if (is_same_file(draft, input))
+      if (!input.empty() && is_same_place(draft, input))
         return misuse(input, "is the input, and ", draft, " is the name under which ", path,
                       " grows; rename it, or choose another output");
   }
@@ -112,6 +112,9 @@ FieldWriter::~FieldWriter() {
 
 Result<FieldWriter> FieldWriter::create(const FieldOutput& output, Draft draft,
                                         const Manifest& manifest, ByteSpan tables, ByteSpan light) {
+  // A build that finds its output goes on with it. If it is there now, it has just been finished.
+  if (draft == Draft::keep && output.existing == Existing::keep && output.exists())
+    return fail(ErrorCode::busy, output.path, ": another process has just written it; try again");
   if (output.existing == Existing::keep && output.exists())
     return misuse(output.path, "exists; choose another output, or let it be replaced");
   const auto text = SLF_TRY(encode(manifest, output.path));
@@ -126,7 +129,10 @@ Result<FieldWriter> FieldWriter::create(const FieldOutput& output, Draft draft,
     if (cleared.error().code != ErrorCode::busy) return tl::unexpected(cleared.error());
     return fail(ErrorCode::busy, output.path, kAnotherProcess, " (", file, ")");
   }
-  auto writer = SLF_TRY(TileWriter::create(file, blobs, output.path));
+  auto begun = TileWriter::create(file, blobs, output.path);
+  if (!begun && begun.error().code == ErrorCode::usage)  // the draft was begun meanwhile
+    return fail(ErrorCode::busy, output.path, kAnotherProcess, " (", file, ")");
+  auto writer = SLF_TRY(std::move(begun));
   auto created = guarded([&]() -> Result<FieldWriter> {
     // The draft of a file that replaces a private one must never be public.
     if (output.existing == Existing::replace)

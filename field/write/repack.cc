@@ -24,7 +24,8 @@ constexpr std::uint64_t kAdvised = 64;  // tiles per call of advise()
 /// An encoded tile, for the writer.
 struct RecodedTile {
   TileState state = TileState::missing;
-  Bytes payload;
+  Bytes payload{};
+  std::uint64_t back = 0;  ///< if it is the same as one of an earlier state: how many states back
 };
 
 /// Makes a tile of the output. If tiles are predicted, `coarser` has the levels written before.
@@ -32,11 +33,15 @@ Result<RecodedTile> recode(TileCache& tiles, TileCache* coarser, const RepackPla
                            TileKey key, Bytes& samples) {
   const FieldFile& field = tiles.field();
   const auto found = SLF_TRY(field.store().find(key));
-  RecodedTile tile{found.state, {}};
-  if (found.state != TileState::stored) return tile;
+  const bool all_states = plan.shape.states > 1;
+  RecodedTile tile{found.state};
+  if (all_states) tile.back = state_of(key) - state_of(found.source);
+  if (found.state != TileState::stored || tile.back > 0) return tile;
   if (plan.copy) {
     SLF_TRY(field.store().check(found));
-    tile.payload.assign(found.payload.begin(), found.payload.end());
+    const ByteSpan payload =
+        SLF_TRY(all_states ? found.payload : field.coder().without_states(key, found.payload));
+    tile.payload.assign(payload.begin(), payload.end());
     return tile;
   }
   auto ok = convert_samples(tiles, plan, key, samples);
@@ -135,7 +140,7 @@ class Repacker {
     ++report_.tiles;
     ++(plan_.copy ? report_.copied : report_.recoded);
     report_.payload_bytes += tile.payload.size();
-    return writer_.put(key, std::move(tile.payload));
+    return writer_.put(key, std::move(tile.payload), tile.back);
   }
 
   const FieldFile& field_;
@@ -151,16 +156,18 @@ class Repacker {
   std::size_t window_ = 1;
 };
 
-Result<RepackReport> repack(const Field& handle, const std::string& path,
-                            const RepackOptions& options, const ProgressCallback& progress) {
-  const FieldFile& field = handle.file();
+}  // namespace
+
+Result<RepackReport> repack_file(const FieldFile& field, const std::string& path,
+                                 const RepackOptions& options, const ProgressCallback& progress) {
   const auto output = SLF_TRY(FieldOutput::at(
       path, options.replace ? Existing::replace : Existing::keep, std::span(&field.path(), 1)));
   TileCache tiles(field, options.memory / 12);
   const auto plan = SLF_TRY(plan_repack(tiles, options));
   Manifest manifest = field.manifest();
-  manifest.set_states(
-      std::array{std::pair{std::string(), field.manifest().provenance_of(field.state())}});
+  if (plan.shape.states == 1)
+    manifest.set_states(
+        std::array{std::pair{std::string(), field.manifest().provenance_of(field.state())}});
   manifest.shape = plan.shape;
   manifest.format = plan.format;
   manifest.codec = plan.codec->spec();
@@ -169,11 +176,9 @@ Result<RepackReport> repack(const Field& handle, const std::string& path,
   Reporter reporter(progress, {0, all.count(), 0},
                     field.path() + ": repack interrupted; nothing was written");
   SLF_TRY(reporter.add(0));
-  const Result<ByteSpan> light = options.light ? field.light() : ByteSpan();
-  if (!light)
-    return fail(light.error().code, light.error().message, "; a copy can leave the light out");
+  const auto light = SLF_TRY(kept_light(field, options));
   auto writer = SLF_TRY(FieldWriter::create(output, FieldWriter::Draft::discard, manifest,
-                                            plan.codec->tables(), *light));
+                                            plan.codec->tables(), light));
 
   RepackReport report;
   Repacker repacker(tiles, plan, order, std::move(all), options, writer, reporter, report);
@@ -182,18 +187,18 @@ Result<RepackReport> repack(const Field& handle, const std::string& path,
   return report;
 }
 
-}  // namespace
-
 Result<RepackReport> repack_field(const Field& field, const std::string& path,
                                   const RepackOptions& options, const ProgressCallback& progress) {
-  return guarded([&] { return repack(field, path, options, progress); });
+  SLF_TRY(check_not_composed(field));
+  return guarded([&] { return repack_file(field.file(), path, options, progress); });
 }
 
 Result<std::vector<StateSource>> state_sources(const Field& field,
                                                std::span<const std::string> chosen) {
+  SLF_TRY(check_not_composed(field));
   const std::vector<std::string> names = field.states();
   std::vector<StateSource> states;
-  if (chosen.empty() && (names.empty() || field.structures()))
+  if (chosen.empty() && names.empty())
     states.push_back({std::filesystem::path(field.path()).stem(), field});
   for (const std::string& name : chosen.empty() ? std::span<const std::string>(names) : chosen) {
     const auto one = SLF_TRY(field.in_state(name));

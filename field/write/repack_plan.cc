@@ -69,6 +69,19 @@ Result<FieldShape> plan_shape(const FieldFile& field, const RepackOptions& optio
 
 }  // namespace
 
+Result<void> check_not_composed(const Field& field) {
+  if (!field.structures()) return {};
+  return unsupported(field.path(),
+                     "is shown with structures, whose tiles no file has; copy each "
+                     "structure instead");
+}
+
+Result<ByteSpan> kept_light(const FieldFile& first, const RepackOptions& options) {
+  const Result<ByteSpan> light = options.light ? first.light() : ByteSpan();
+  if (light) return light;
+  return fail(light.error().code, light.error().message, "; a copy can leave the light out");
+}
+
 Result<RepackPlan> plan_repack(TileCache& tiles, const RepackOptions& options) {
   const FieldFile& field = tiles.field();
   RepackPlan plan;
@@ -83,11 +96,10 @@ Result<RepackPlan> plan_repack(TileCache& tiles, const RepackOptions& options) {
     plain = codec::make_codec(codec, plan.format);
   }
   if (!plain) return tl::unexpected(plain.error());
-  // Tiles may be predicted from those of other subfields.
-  // or of other states.
-  const bool whole = !field.predicts() || (plan.shape.subfields == field.shape().subfields &&
-                                           field.manifest().states.empty());
-  plan.copy = plan.format == field.format() && (*plain)->spec() == now.spec() && whole;
+  // Tiles may be predicted from those of other subfields, or of earlier states.
+  const bool has_references =
+      !field.predicts() || (plan.shape.subfields == field.shape().subfields && field.state() == 0);
+  plan.copy = plan.format == field.format() && (*plain)->spec() == now.spec() && has_references;
   plan.codec = SLF_TRY(plan.copy ? codec::make_codec(now.spec(), plan.format, now.tables())
                                  : train(tiles, plan, codec));
   return plan;

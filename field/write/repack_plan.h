@@ -22,6 +22,18 @@ struct RepackPlan {
   }
 };
 
+/// unsupported: the field is composed, so no file has its tiles.
+[[nodiscard]] Result<void> check_not_composed(const Field& field);
+
+/// The light that a copy keeps: that of its first state, whatever else the copy changes. It is
+/// empty if there is none, or if it is to be left out.
+[[nodiscard]] Result<ByteSpan> kept_light(const FieldFile& first, const RepackOptions& options);
+
+/// repack_field() of what a file shows, which may be all states if the plan is to copy.
+[[nodiscard]] Result<RepackReport> repack_file(const FieldFile& field, const std::string& path,
+                                               const RepackOptions& options,
+                                               const ProgressCallback& progress);
+
 /// usage: the field does not have a level or subfield. Other errors as repack_field().
 [[nodiscard]] Result<RepackPlan> plan_repack(TileCache& tiles, const RepackOptions& options);
 

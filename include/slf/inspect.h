@@ -108,7 +108,7 @@ struct ChannelDifference {
   std::uint64_t differing = 0;  ///< of `compared`: other samples
   double psnr = std::numeric_limits<double>::infinity();        ///< in dB, over all compared tiles
   double worst_psnr = std::numeric_limits<double>::infinity();  ///< of the tile that differs most
-  std::optional<TileKey> worst;                                 ///< that tile
+  std::optional<TileKey> worst;                                 ///< that tile, of any state
 };
 
 struct FieldDifference {
@@ -125,13 +125,15 @@ struct FieldDifference {
 };
 
 struct DiffOptions {
-  unsigned threads = 0;  ///< 0: all
+  unsigned threads = 0;     ///< 0: all
+  bool all_states = false;  ///< compare all states of both fields, not just those that they show
 };
 
-/// Compares two fields tile by tile. Two tiles with the same bytes count as equal and are not
-/// decoded. If a tile that they are predicted from differs, that tile itself is counted. Progress
-/// counts tiles. bad_file: one of two tiles with different bytes is damaged. cancelled: the
-/// callback stopped the comparison.
+/// Compares two fields tile by tile, as they are composed. A sample that is no number differs
+/// without bound (PSNR -inf) from any number. Two tiles with the same bytes count as equal and are
+/// not decoded, unless other states that are not compared may predict them. If a tile that they are
+/// predicted from differs, that tile itself is counted. Progress counts tiles. bad_file: one of two
+/// tiles with different bytes is damaged. cancelled: the callback stopped the comparison.
 [[nodiscard]] Result<FieldDifference> diff_fields(const Field& a, const Field& b,
                                                   const DiffOptions& options = {},
                                                   const ProgressCallback& progress = {});

@@ -24,7 +24,8 @@ struct RepackOptions {
   std::vector<std::uint8_t> subfields;  ///< level-0 subfields to keep, ascending; empty: all
   std::optional<bool> half;             ///< colour as half floats (or 8 bits); none: as it is.
                                         ///< Half floats go to zstd where their codec was JPEG
-  bool light = true;                    ///< keep the scene's light, if the field has it
+  bool light = true;                    ///< keep the light of the copy's first state, if the
+                                        ///< input has it; no other is kept
   std::uint64_t memory = 256ull << 20;  ///< bytes of tiles in progress and records not yet written
   unsigned threads = 0;                 ///< 0: all
   bool replace = false;  ///< replace a file at the output's path, once the new one is complete
@@ -51,11 +52,11 @@ struct RepackReport {
 /// gets its permissions.
 ///
 /// usage: a codec, level or subfield that the field cannot have; `path` exists, or is the
-/// input. unsupported: a codec that cannot hold the samples. bad_file: a damaged tile; the
-/// message names it. io: disk full or a write error. cancelled: the callback stopped the repack.
-/// busy: another process is writing `path`. failed: one has removed the new file. After an error
-/// `path` is unchanged and no other file remains. A killed process leaves PATH.repacking, which the
-/// next repack to `path` removes.
+/// input. unsupported: a codec that cannot hold the samples; a composed field. bad_file: a damaged
+/// tile; the message names it. io: disk full or a write error. cancelled: the callback stopped the
+/// repack. busy: another process is writing `path`. failed: one has removed the new file. After an
+/// error `path` is unchanged and no other file remains. A killed process leaves PATH.repacking,
+/// which the next repack to `path` removes.
 [[nodiscard]] Result<RepackReport> repack_field(const Field& field, const std::string& path,
                                                 const RepackOptions& options,
                                                 const ProgressCallback& progress = {});
@@ -67,16 +68,15 @@ struct StateSource {
 };
 
 /// The states of `field` that are `chosen` by their names or numbers, or all. A field without
-/// states, or composed, is one, with the name of its file. usage: there is no such state.
+/// states is one, with the name of its file. usage: there is no such state.
 [[nodiscard]] Result<std::vector<StateSource>> state_sources(const Field& field,
                                                              std::span<const std::string> chosen);
 
 /// Writes a field of some states, of one or several fields with one sphere, lattice and format. One
-/// state: repack_field(). All states of one local field, as they are: merge_fields() of it, which
-/// copies payloads. Else all tiles are encoded again, as by repack_field(), which has the options
-/// and errors; those whose decoded samples are equal are stored once. usage: fields that do not fit
-/// together; a state without a name, or with that of another. tile_missing: a field is not
-/// complete.
+/// state: repack_field(). All states of one field, as they are: payloads are copied. Else all tiles
+/// are encoded again, as by repack_field(), which has the options and errors; those whose decoded
+/// samples are equal are stored once. usage: fields that do not fit together; a state without a
+/// name, or with that of another. tile_missing: a field that is encoded again is not complete.
 [[nodiscard]] Result<RepackReport> join_states(std::span<const StateSource> states,
                                                const std::string& path,
                                                const RepackOptions& options,

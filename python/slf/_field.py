@@ -529,9 +529,10 @@ def merge(parts: Sequence[Path], out: Path, *, part: bool = False, memory: int =
 
 def diff(a: Field | Path, b: Field | Path, *, threads: int = 0,
          progress: Progress = None) -> Difference:
-    """Compares two fields tile by tile."""
+    """Compares two fields tile by tile, in all states unless a state was chosen of one."""
     with _opened(a) as left, _opened(b) as right, reporter(progress, "diff") as report:
-        return _slf.diff(left._field, right._field, threads, report)
+        all_states = left._opened_with[3] is None and right._opened_with[3] is None
+        return _slf.diff(left._field, right._field, threads, all_states, report)
 
 
 def _views(views: AnyViews) -> tuple[Path, str | None]:

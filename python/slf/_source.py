@@ -171,7 +171,8 @@ def _from_nibabel(image: Any) -> _Voxels:
 
     placed = any(map(states, ("sform_code", "qform_code", "goodRASFlag")))
     return _Voxels(data.T, _place(place.origin * scale, place.axes * scale), slope, intercept,
-                   os.fspath(name) if name else "image", "mm" if to_mm else "", placed)
+                   os.fspath(name) if name else _file_of(data, "image"), "mm" if to_mm else "",
+                   placed)
 
 
 def _from_itk(image: Any) -> _Voxels:
@@ -207,7 +208,7 @@ def _from_xarray(array: Any) -> _Voxels:
             raise UsageError(f"the coordinates of {dim} are not evenly spaced")
         origin[axis], spacing[axis] = at[0], (at[-1] - at[0]) / (len(at) - 1)
     return _Voxels(array.data, _place(origin, np.diag(spacing)),
-                   source=str(array.name) if array.name else "array")
+                   source=_file_of(array.data, str(array.name or "array")))
 
 
 def _voxels(source: Any) -> _Voxels:
@@ -217,10 +218,16 @@ def _voxels(source: Any) -> _Voxels:
         return _from_itk(source)
     if hasattr(source, "dims") and hasattr(source, "coords"):
         return _from_xarray(source)
-    name = getattr(source, "filename", None)  # of a numpy.memmap
-    if not (isinstance(name, (str, os.PathLike))):
-        name = "array"
-    return _Voxels(source, _place(np.zeros(3), np.eye(3)), source=os.fspath(name))
+    return _Voxels(source, _place(np.zeros(3), np.eye(3)), source=_file_of(source, "array"))
+
+
+def _file_of(array: Any, otherwise: str) -> str:
+    """The file of a numpy.memmap, or of what an array views: the field must not replace it."""
+    while array is not None:
+        if isinstance(name := getattr(array, "filename", None), (str, os.PathLike)):
+            return os.fspath(name)
+        array = getattr(array, "base", getattr(array, "obj", None))
+    return otherwise
 
 
 def _type_for(dtype: np.dtype) -> np.dtype:

@@ -81,10 +81,12 @@ py::object merge(const Texts& parts, const Text& path, bool part, std::uint64_t 
   return tuple_named("MergeReport", report.tiles, report.payload_bytes, report.file_bytes);
 }
 
-py::object diff(const OpenField& a, const OpenField& b, unsigned threads, py::object progress) {
+py::object diff(const OpenField& a, const OpenField& b, unsigned threads, bool all_states,
+                py::object progress) {
   LongCall call(std::move(progress));
-  const auto difference = value_of(call.without_gil(
-      [&] { return diff_fields(a.field(), b.field(), {threads}, call.progress()); }));
+  const auto difference = value_of(call.without_gil([&] {
+    return diff_fields(a.field(), b.field(), {threads, all_states}, call.progress());
+  }));
   py::list channels;
   for (const ChannelDifference& c : difference.channels) {
     py::object worst = py::none();

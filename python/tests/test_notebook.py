@@ -149,6 +149,11 @@ def test_a_build_keeps_the_files_of_its_settings(tmp_path):
     voxels.tofile(tmp_path / "voxels.raw")
     mapped = np.memmap(tmp_path / "voxels.raw", np.uint8, "r", shape=(4, 4, 4))
     before = {file: file.read_bytes() for file in tmp_path.iterdir()}
+    views = [np.asarray(mapped), np.asarray(mapped)[:, ::-1], np.asarray(mapped).view(np.int8),
+             np.frombuffer(memoryview(mapped), np.uint8).reshape(4, 4, 4)]
+    for view in views:
+        with pytest.raises(slf.UsageError, match="is the input"):
+            slf.build(view, tmp_path / "voxels.raw", entry=2, exit=4, finest_level=0, force=True)
     for out in before:
         with pytest.raises(slf.UsageError, match="is the input"):
             slf.build(mapped, out, name="voxels", transfer=f"{maps}#Mine", light_rig=str(rig),

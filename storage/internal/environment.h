@@ -47,9 +47,13 @@ class Environment {
   [[nodiscard]] Result<void> sync();
 
   /// Writes all puts in one durable transaction. Creates missing trees and grows the map as needed.
-  /// io: the disk is full, a write or read failed; the previous commit remains. bad_file: LMDB
+  /// Call extend() next. After an error transaction() says whether the puts are committed. io: the
+  /// disk is full, a write or read failed. bad_file: LMDB
   /// reports damage, or another program has truncated the file. failed: another error of LMDB.
   [[nodiscard]] Result<void> put(std::span<const Put> puts);
+
+  /// Makes the file as long as its pages. io, bad_file: as put().
+  [[nodiscard]] Result<void> extend();
 
   /// Allows LMDB to reuse the pages freed until now. Without this call no page freed since open()
   /// is reused, so snapshots that readers hold stay whole.
@@ -69,7 +73,6 @@ class Environment {
   [[nodiscard]] Result<void> check_length() const;
   [[nodiscard]] int try_put(std::span<const Put> puts);
   [[nodiscard]] Result<void> grow();
-  [[nodiscard]] Result<void> extend();
   void start_writeback() const;
   [[nodiscard]] tl::unexpected<Error> error(int code, const char* doing) const;
 

@@ -1,6 +1,8 @@
 #include "base/parallel.h"
 
+#include <dlfcn.h>
 #include <gtest/gtest.h>
+#include <pthread.h>
 
 #include <algorithm>
 #include <array>
@@ -9,6 +11,18 @@
 #include <stdexcept>
 
 #include "base/reporter.h"
+
+namespace {
+std::atomic<int> threads_left{1 << 30};
+}
+
+// Stands before that of the C library, so that a test can refuse threads.
+extern "C" int pthread_create(pthread_t* thread, const pthread_attr_t* attributes,
+                              void* (*run)(void*), void* argument) {
+  static auto* const real =
+      reinterpret_cast<decltype(&pthread_create)>(dlsym(RTLD_NEXT, "pthread_create"));
+  return threads_left.fetch_sub(1) > 0 ? real(thread, attributes, run, argument) : EAGAIN;
+}
 
 namespace slf {
 namespace {
@@ -129,6 +143,27 @@ TEST(MakeInOrder, HandsOutInOrderAndStaysInsideItsWindow) {
     EXPECT_EQ(taken, kCount);
     EXPECT_EQ(furthest, kCount - 1);
   }
+}
+
+TEST(MakeInOrder, NeedsNoThreadOfTheSystem) {
+  for (const int allowed : {0, 1}) {
+    std::uint64_t sum = 0;
+    threads_left = allowed;
+    const auto done = make_in_order(
+        100, 3, 7, [] { return [](std::uint64_t k) -> Result<std::uint64_t> { return k; }; },
+        [&](std::uint64_t, std::uint64_t item) -> Result<void> {
+          sum += item;
+          return {};
+        });
+    threads_left = 1 << 30;
+    EXPECT_TRUE(done) << done.error().message;
+    EXPECT_EQ(sum, 4950u);
+  }
+  threads_left = 0;
+  const auto refused = guarded([] { std::thread([] {}).join(); });
+  threads_left = 1 << 30;
+  EXPECT_EQ(refused.error().message,
+            "the system starts no more threads; raise its limit (ulimit -u)");
 }
 
 TEST(MakeInOrder, ReturnsTheFirstErrorOrException) {

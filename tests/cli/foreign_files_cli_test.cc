@@ -105,6 +105,10 @@ TEST_F(ForeignFiles, NoOutputIsAnInput) {
   expect_kept("t.json", "o.slf", built);
   // The file of a light volume, which does not exist yet.
   EXPECT_OUTCOME(slf(lit("o.slf", {"--light-file", place / "o.slf"})), 1, "is the input");
+  for (const std::string& draft : {place / "new.slf.unfinished", place / "./new.slf.unfinished"}) {
+    EXPECT_OUTCOME(slf(lit("new.slf", {"--light-file", draft})), 1, "is the input, and");
+    EXPECT_FALSE(std::filesystem::exists(draft));
+  }
   EXPECT_FALSE(fs::exists(place / "o.slf"));
 }
 

@@ -233,6 +233,27 @@ TEST_F(Inspect, ComparesOtherFormats) {
   EXPECT_GT(wide->channels[0].worst_psnr, 60);  // half floats round
 }
 
+TEST_F(Inspect, WhatIsNoNumberDiffersFromAnyNumber) {
+  const auto build = [&](const std::string& name, float red) {
+    auto options = testing::lossless_options(2, 4, 0);
+    options.half = true, options.codec = "raw";
+    const testing::FunctionScene scene([red](const glm::dvec3& from, const glm::dvec3&) {
+      return RaySample{{from.x > 0.9 ? red : 0.5f, 0.5f, 0.5f, 1}, 0.5f};
+    });
+    return *testing::build_and_open(scene, folder_ / name, options);
+  };
+  const Field number = build("number.slf", 0.5f), none = build("none.slf", std::nanf(""));
+  for (const auto& [a, b] : {std::pair{&number, &none}, std::pair{&none, &number}}) {
+    const auto difference = diff_fields(*a, *b);
+    ASSERT_TRUE(difference);
+    EXPECT_GT(difference->channels[0].differing, 0u);
+    EXPECT_EQ(difference->channels[0].psnr, -std::numeric_limits<double>::infinity());
+    EXPECT_FALSE(difference->alike(0));
+    EXPECT_TRUE(difference->channels[0].worst);
+  }
+  EXPECT_TRUE(diff_fields(none, none)->alike(1000));
+}
+
 TEST_F(Inspect, OtherRaysAreNotCompared) {
   const auto finer = build_and_open(stripes(), folder_ / "finer.slf", lossless_options(4, 5, 0));
   const auto difference = diff_fields(*field_, *finer);

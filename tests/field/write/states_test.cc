@@ -457,6 +457,99 @@ TEST_P(States, AnyLostRecordIsRebuilt) {
   expect_rebuilt(all);
 }
 
+TEST_P(States, DifferencesOfLaterStatesAreFound) {
+  const auto a = Field::open(build_all());
+  states_[1].scene = &deep_;
+  const auto b = Field::open(build_all("other.slf"));
+  ASSERT_TRUE(a && b);
+  const auto differing = [&](unsigned state, bool all_states) {
+    const auto difference = diff_fields(*a->in_state(state), *b->in_state(state), {0, all_states});
+    EXPECT_TRUE(difference) << difference.error().message;
+    return difference->channels[0].differing;
+  };
+  EXPECT_EQ(differing(0, false), 0u);
+  EXPECT_GT(differing(1, false), 0u);
+  EXPECT_GT(differing(0, true), 0u);
+  const auto all = diff_fields(*a, *b, {0, true});
+  EXPECT_FALSE(all->alike(60));
+  EXPECT_EQ(state_of(*all->channels[0].worst), 1u);
+  EXPECT_TRUE(diff_fields(*a, *a, {0, true})->equal());
+
+  const auto composed = [](const Field& field, float opacity) {
+    return *compose(field, {{*field.in_state(0), 1}, {*field.in_state(1), opacity}});
+  };
+  EXPECT_TRUE(diff_fields(composed(*a, 1), composed(*a, 1))->equal());
+  EXPECT_FALSE(diff_fields(composed(*a, 1), composed(*a, 0.5))->alike(100));
+  EXPECT_FALSE(diff_fields(composed(*a, 1), *a)->alike(100));
+  EXPECT_EQ(repack_field(composed(*a, 1), path("no.slf"), {}).error().code, ErrorCode::unsupported);
+  EXPECT_EQ(state_sources(composed(*a, 1), {}).error().code, ErrorCode::unsupported);
+}
+
+// The light that a field keeps is that of its first state, and so that of a copy which begins with
+// it, however that is made.
+TEST_P(States, CopiesKeepTheLightOfTheFirst) {
+  const std::string file = build_all();
+  {
+    auto writer = storage::TileWriter::resume(file);
+    ASSERT_TRUE(writer && writer->set_blob(kLightBlob, bytes_of("light")));
+    ASSERT_TRUE(writer->drop({1, 3}) && writer->close());
+  }
+  ASSERT_EQ(build_field(states_, file, options())->tiles, 1u);
+  const auto field = Field::open(file);
+  const auto light_of = [&](std::vector<unsigned> chosen, const RepackOptions& options) {
+    std::vector<StateSource> sources;
+    for (const unsigned s : chosen) sources.push_back({states_[s].name, *field->in_state(s)});
+    RepackOptions replace = options;
+    replace.replace = true;
+    const auto done = join_states(sources, path("copy.slf"), replace);
+    EXPECT_TRUE(done) << done.error().message;
+    const auto copy = Field::open(path("copy.slf"));
+    EXPECT_EQ(verify_field(path("copy.slf"), {})->found, 0u);
+    const auto light = copy->light();
+    return std::string(chars_of(*light));
+  };
+  EXPECT_EQ(light_of({0, 1, 2, 3, 4}, {}), "light");
+  RepackOptions dark, raw;
+  dark.light = false;
+  raw.codec = "raw";
+  EXPECT_EQ(light_of({0, 1, 2, 3, 4}, dark), "");
+  EXPECT_EQ(light_of({0, 1, 2, 3, 4}, raw), "light");
+  EXPECT_EQ(light_of({0, 2}, {}), "light");
+  EXPECT_EQ(light_of({0}, {}), "light");
+  EXPECT_EQ(light_of({2, 0}, {}), "");
+  EXPECT_EQ(light_of({1}, {}), "");
+}
+
+TEST_P(States, TheFirstIsTakenOutAsItIs) {
+  const auto field = Field::open(build_all());
+  const auto done = repack_field(*field, path("first.slf"), {});
+  ASSERT_TRUE(done) << done.error().message;
+  EXPECT_EQ(done->recoded, 0u);
+  EXPECT_EQ(verify_field(path("first.slf"), {})->found, 0u);
+  const auto first = Field::open(path("first.slf"));
+  const auto difference = diff_fields(*first, *field);
+  ASSERT_TRUE(difference);
+  EXPECT_EQ(difference->channels[0].differing + difference->channels[1].differing, 0u);
+  EXPECT_EQ(view(*first).rgba, view(*field).rgba);
+}
+
+TEST_P(States, SomeSubfieldsAreJoined) {
+  BuildOptions some = options();
+  some.shape.subfields = {7, 14};
+  ASSERT_TRUE(build_field(whole_, path("a.slf"), some));
+  ASSERT_TRUE(build_field(cut_, path("b.slf"), some));
+  const std::vector<StateSource> sources{{"a", *Field::open(path("a.slf"))},
+                                         {"b", *Field::open(path("b.slf"))}};
+  for (const char* codec : {"", "jpeg:75", "predictive:80"}) {
+    RepackOptions some_codec;
+    some_codec.codec = codec;
+    some_codec.replace = true;
+    const auto joined = join_states(sources, path("ab.slf"), some_codec);
+    ASSERT_TRUE(joined) << joined.error().message;
+    EXPECT_EQ(verify_field(path("ab.slf"), {})->found, 0u);
+  }
+}
+
 TEST_P(States, AreCopiedTogetherAndAlone) {
   const auto all = Field::open(build_all());
   ASSERT_TRUE(all);
