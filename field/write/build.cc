@@ -93,8 +93,9 @@ struct EarlierBuild {
 };
 
 /// The light that a field keeps; no bytes if it is damaged, since it can be computed again.
-Bytes light_of(const FieldFile& field) {
+Result<Bytes> light_of(const FieldFile& field) {
   const auto light = field.light();
+  if (!light && light.error().code != ErrorCode::bad_file) return tl::unexpected(light.error());
   return light ? Bytes(light->begin(), light->end()) : Bytes();
 }
 
@@ -119,8 +120,9 @@ Result<std::optional<EarlierBuild>> find_earlier_build(const FieldOutput& output
   manifest.filtered_levels = existing.filtered_levels;
   auto missing = SLF_TRY(MissingTiles::of(**field, TileOrder(manifest.shape), selection));
   auto codec = SLF_TRY(codec_of(**field));
+  auto light = SLF_TRY(light_of(**field));
   return EarlierBuild{std::move(missing), (*field)->store().transaction(), std::move(codec),
-                      light_of(**field), in_place};
+                      std::move(light), in_place};
 }
 
 /// Whether tiles are predicted from those of coarser levels.
@@ -393,7 +395,8 @@ Result<BuildReport> build(TileSource source, Manifest manifest, const std::strin
   if (!has_light) {
     const Scene& first = *source.scenes[0];
     has_light = earlier && first.set_light(earlier->light);
-    if (!has_light && coarser) first.set_light(light_of(*coarser));
+    const Bytes known = SLF_TRY(coarser ? light_of(*coarser) : Bytes());
+    if (!has_light) first.set_light(known);
     for (const Scene* scene : source.scenes) SLF_TRY(scene->prepare());
     if (!has_light) light = first.light();
   }

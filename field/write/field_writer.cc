@@ -70,7 +70,8 @@ Result<Bytes> encode(const Manifest& manifest, const std::string& path) {
 }  // namespace
 
 tl::unexpected<Error> name_is_taken(Error error) {
-  error.message += "; move or remove it: a new file needs its name";
+  if (error.code != ErrorCode::out_of_memory)
+    error.message += "; move or remove it: a new file needs its name";
   return tl::unexpected(std::move(error));
 }
 
