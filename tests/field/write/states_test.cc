@@ -533,23 +533,6 @@ TEST_P(States, TheFirstIsTakenOutAsItIs) {
   EXPECT_EQ(view(*first).rgba, view(*field).rgba);
 }
 
-TEST_P(States, SomeSubfieldsAreJoined) {
-  BuildOptions some = options();
-  some.shape.subfields = {7, 14};
-  ASSERT_TRUE(build_field(whole_, path("a.slf"), some));
-  ASSERT_TRUE(build_field(cut_, path("b.slf"), some));
-  const std::vector<StateSource> sources{{"a", *Field::open(path("a.slf"))},
-                                         {"b", *Field::open(path("b.slf"))}};
-  for (const char* codec : {"", "jpeg:75", "predictive:80"}) {
-    RepackOptions some_codec;
-    some_codec.codec = codec;
-    some_codec.replace = true;
-    const auto joined = join_states(sources, path("ab.slf"), some_codec);
-    ASSERT_TRUE(joined) << joined.error().message;
-    EXPECT_EQ(verify_field(path("ab.slf"), {})->found, 0u);
-  }
-}
-
 TEST_P(States, AreCopiedTogetherAndAlone) {
   const auto all = Field::open(build_all());
   ASSERT_TRUE(all);
