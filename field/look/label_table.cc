@@ -15,10 +15,13 @@ namespace {
 using nlohmann::json;
 using volume_io::in_quotes;
 
+/// A row of a table, its numbers as they are there.
 struct Entry {
   std::int64_t id = 0;
-  LabelStyle style{};
-  bool has_opacity = true;  ///< whether the row states one
+  std::string name{};
+  glm::dvec3 color{0.0};
+  std::optional<double> opacity{};
+  bool visible = true;
 };
 
 /// A number from 0 to `max`.
@@ -35,11 +38,10 @@ std::optional<std::int64_t> parse_id(std::string_view word) {
   return static_cast<std::int64_t>(*value);
 }
 
-/// Three columns of 0 to 255.
 std::optional<glm::dvec3> parse_color(std::string_view r, std::string_view g, std::string_view b) {
   const auto red = number(r, 255), green = number(g, 255), blue = number(b, 255);
   if (!red || !green || !blue) return std::nullopt;
-  return glm::dvec3(*red, *green, *blue) / 255.0;
+  return glm::dvec3(*red, *green, *blue);
 }
 
 template <class... Parts>
@@ -47,11 +49,22 @@ tl::unexpected<Error> bad_line(const std::string& source, std::size_t line, cons
   return fail(ErrorCode::bad_file, source, ", line ", line, ": ", parts...);
 }
 
-Result<LabelTable> table_of(const std::vector<std::pair<std::size_t, Entry>>& rows,
-                            const std::string& source, bool last_wins = false) {
+/// The rows of a text, by line.
+using Rows = std::vector<std::pair<std::size_t, Entry>>;
+
+/// Colours and opacities run to 255, or to 1 where none in the table is more.
+Result<LabelTable> table_of(const Rows& rows, const std::string& source, bool last_wins = false) {
+  double color = 0, opacity = 0;
+  for (const auto& [line, entry] : rows) {
+    color = std::max({color, entry.color.x, entry.color.y, entry.color.z});
+    opacity = std::max(opacity, entry.opacity.value_or(0));
+  }
+  const auto scale = [](double largest) { return largest > 1 ? 255.0 : 1.0; };
   LabelTable table;
   for (const auto& [line, entry] : rows) {
-    const bool added = table.insert_or_assign(entry.id, entry.style).second;
+    const double own = entry.opacity ? *entry.opacity / scale(opacity) : entry.id == 0 ? 0 : 1;
+    const LabelStyle style{entry.name, entry.color / scale(color), entry.visible ? own : 0};
+    const bool added = table.insert_or_assign(entry.id, style).second;
     if (!added && !last_wins) return bad_line(source, line, "the id ", entry.id, " occurs twice");
   }
   if (table.empty()) return bad_file(source, "a table without labels");
@@ -64,7 +77,7 @@ using Words = std::vector<std::string_view>;
 
 /// The words of a line. Text in double quotes is one word; # begins a comment.
 Words words_of(std::string_view line) {
-  constexpr const char* kBlank = " \t\r";
+  constexpr const char* kBlank = " \t";
   Words words;
   for (std::size_t at = 0;;) {
     at = line.find_first_not_of(kBlank, at);
@@ -105,29 +118,9 @@ std::optional<Entry> parse_snap(const Words& words) {
   const auto opacity = number(words[4], 1), visible = number(words[5], 1);
   if (!id || !color || !opacity || !visible || *visible != std::floor(*visible))
     return std::nullopt;
-  Entry entry{*id, {.color = color, .opacity = *opacity * *visible}};
-  if (words.size() > 7) entry.style.name = name_from(words[7], words.back());
+  Entry entry{.id = *id, .color = *color, .opacity = opacity, .visible = *visible != 0};
+  if (words.size() > 7) entry.name = name_from(words[7], words.back());
   return entry;
-}
-
-/// `ID NAME R G B`, mostly with a further column. Blanks in a name are allowed; a name that is a
-/// number is not, except the id itself, since that may well be a table without names.
-std::optional<Entry> parse_named(const Words& words) {
-  std::size_t numbers = 0;  // at the end of the line
-  while (numbers < 4 && numbers + 2 < words.size() && is_number(words[words.size() - 1 - numbers]))
-    ++numbers;
-  if (numbers < 3) return std::nullopt;
-  const std::size_t red = words.size() - numbers;
-  if (is_number(words[1]) && (red != 2 || numbers != 4 || words[1] != words[0]))
-    return std::nullopt;
-  const auto id = parse_id(words[0]);
-  const auto color = parse_color(words[red], words[red + 1], words[red + 2]);
-  const auto opacity = numbers == 4 ? number(words.back(), 255) : 255;
-  if (!id || !color || !opacity) return std::nullopt;
-  return Entry{
-      *id,
-      {.name = name_from(words[1], words[red - 1]), .color = color, .opacity = *opacity / 255},
-      numbers == 4};
 }
 
 /// Which program a comment names: the columns of Slicer and FreeSurfer are the same, but the last
@@ -143,13 +136,37 @@ Origin origin_of(std::string_view comment) {
   return freesurfer ? Origin::freesurfer : Origin::unknown;
 }
 
+/// `ID NAME R G B`, mostly with an opacity and maybe further columns, which are ignored. Blanks in
+/// a name are allowed; a name that is a number is not, except the id itself, since that may well be
+/// a table without names.
+std::optional<Entry> parse_named(const Words& words, Origin origin) {
+  const auto count_at = [&](std::size_t first) {
+    const auto end =
+        std::find_if_not(words.begin() + std::ptrdiff_t(first), words.end(), is_number);
+    return static_cast<std::size_t>(end - words.begin()) - first;
+  };
+  std::size_t red = 2;
+  while (red < words.size() && count_at(red) < 3) ++red;
+  if (red >= words.size()) return std::nullopt;
+  std::size_t numbers = count_at(red);
+  // Names that end with a number, as in "Area 4".
+  if (origin == Origin::unknown && numbers > 4 && red + numbers == words.size() &&
+      words.back() == "255")
+    red += numbers - 4, numbers = 4;
+  if (is_number(words[1]) && (red != 2 || numbers < 4 || words[1] != words[0])) return std::nullopt;
+  const auto id = parse_id(words[0]);
+  const auto color = parse_color(words[red], words[red + 1], words[red + 2]);
+  const auto opacity = numbers > 3 ? number(words[red + 3], 255) : std::nullopt;
+  if (!id || !color || (numbers > 3 && !opacity)) return std::nullopt;
+  return Entry{*id, name_from(words[1], words[red - 1]), *color, opacity};
+}
+
 Result<LabelTable> parse_lines(std::string_view text, const std::string& source) {
-  std::vector<std::pair<std::size_t, Entry>> rows;
+  Rows rows;
   Origin origin = Origin::unknown;
   bool snap = false;
-  std::size_t at = 0;
-  for (std::size_t number = 1; at < text.size(); ++number) {
-    const auto line = volume_io::next_line(text, at);
+  for (std::size_t number = 1; !text.empty(); ++number) {
+    const auto line = next_line(text);
     const auto words = words_of(line);
     if (const auto hash = line.find('#');
         words.empty() && hash != std::string_view::npos && origin == Origin::unknown)
@@ -159,7 +176,7 @@ Result<LabelTable> parse_lines(std::string_view text, const std::string& source)
                       "a continuous scale of colours (3D Slicer's), which has no labels");
     if (words.empty()) continue;
     if (rows.empty()) snap = is_snap(words);
-    auto entry = snap ? parse_snap(words) : parse_named(words);
+    auto entry = snap ? parse_snap(words) : parse_named(words, origin);
     if (!entry)
       return bad_line(source, number, "expected ",
                       rows.empty() || snap ? "ITK-SNAP's `ID R G B A VIS MESH \"NAME\"`" : "",
@@ -171,10 +188,10 @@ Result<LabelTable> parse_lines(std::string_view text, const std::string& source)
   if (snap) return table_of(rows, source);
   // Nobody makes a table to hide every label: then the last column is no opacity, as FreeSurfer's.
   const bool all_clear = std::ranges::all_of(
-      rows, [](const auto& row) { return row.second.id == 0 || row.second.style.opacity == 0; });
+      rows, [](const auto& row) { return row.second.id == 0 || row.second.opacity == 0; });
   const bool freesurfer = origin == Origin::freesurfer || (origin == Origin::unknown && all_clear);
   for (auto& [line, entry] : rows)
-    if (freesurfer || !entry.has_opacity) entry.style.opacity = entry.id == 0 ? 0 : 1;
+    if (freesurfer) entry.opacity.reset();
   return table_of(rows, source, freesurfer);
 }
 
@@ -184,10 +201,8 @@ constexpr std::string_view kIdColumn = "labelvalue";
 
 /// The separator of a CSV whose first column is LabelValue.
 std::optional<char> csv_separator(std::string_view text) {
-  std::size_t at = 0;
   std::string header;
-  while (header.empty() && at < text.size())
-    header = lower_case(trim(volume_io::next_line(text, at)));
+  while (header.empty() && !text.empty()) header = lower_case(trim(next_line(text)));
   std::erase(header, '"');
   if (!header.starts_with(kIdColumn) || header.size() == kIdColumn.size()) return std::nullopt;
   const char separator = header[kIdColumn.size()];
@@ -196,7 +211,7 @@ std::optional<char> csv_separator(std::string_view text) {
 }
 
 Result<LabelTable> parse_csv(std::string_view text, char separator, const std::string& source) {
-  std::vector<std::pair<std::size_t, Entry>> rows;
+  Rows rows;
   std::map<std::string, std::size_t> columns;
   std::size_t line = 1;
   for (std::size_t at = 0; at < text.size();) {
@@ -219,17 +234,15 @@ Result<LabelTable> parse_csv(std::string_view text, char separator, const std::s
     };
     const auto id = parse_id(field(std::string(kIdColumn)));
     const auto color = parse_color(field("color_r"), field("color_g"), field("color_b"));
-    const auto opacity = field("color_a").empty() ? 255 : number(field("color_a"), 255);
+    const auto stated = field("color_a");
+    const auto opacity = number(stated, 255);
     if (!id)
       return bad_line(source, first, "LabelValue is ", in_quotes(field(std::string(kIdColumn))),
                       ", expected an integer");
-    if (!color || !opacity)
+    if (!color || (!opacity && !stated.empty()))
       return bad_line(source, first,
                       "expected 0 to 255 as each of Color_R, Color_G, Color_B and Color_A");
-    rows.emplace_back(
-        first,
-        Entry{*id,
-              {.name = std::string(field("name")), .color = color, .opacity = *opacity / 255}});
+    rows.emplace_back(first, Entry{*id, std::string(field("name")), *color, opacity});
   }
   return table_of(rows, source);
 }

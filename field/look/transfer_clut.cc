@@ -47,8 +47,8 @@ std::string with_point(std::string_view number) {
 
 bool looks_like_clut(std::string_view text) {
   // The first line that is no comment is the header of a section. (In JSON, [ precedes no name.)
-  for (std::size_t at = 0; at < text.size();) {
-    const auto line = trim(volume_io::next_line(text, at));
+  while (!text.empty()) {
+    const auto line = trim(next_line(text));
     if (line.empty() || line.starts_with(';') || line.starts_with('#')) continue;
     return line.size() > 2 && line.starts_with('[') && line.ends_with(']') &&
            std::isalpha(static_cast<unsigned char>(line[1])) &&
@@ -60,8 +60,8 @@ bool looks_like_clut(std::string_view text) {
 
 Presets parse_clut(std::string_view text, const std::string& source) {
   std::map<std::string, std::string_view> entries;
-  for (std::size_t at = 0; at < text.size();) {
-    const auto line = trim(volume_io::next_line(text, at));
+  while (!text.empty()) {
+    const auto line = trim(next_line(text));
     const auto equals = line.find('=');
     if (equals == std::string_view::npos || line.starts_with(';')) continue;
     entries[lower_case(trim(line.substr(0, equals)))] = trim(line.substr(equals + 1));

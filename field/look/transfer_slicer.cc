@@ -13,8 +13,8 @@ namespace {
 
 std::vector<std::string_view> lines_of(std::string_view text) {
   std::vector<std::string_view> lines;
-  for (std::size_t at = 0; at < text.size();) {
-    const auto line = trim(volume_io::next_line(text, at));
+  while (!text.empty()) {
+    const auto line = trim(next_line(text));
     if (!line.empty()) lines.push_back(line);
   }
   return lines;

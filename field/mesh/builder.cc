@@ -58,7 +58,8 @@ double cross(const glm::dvec2& a, const glm::dvec2& b) { return a.x * b.y - a.y 
 
 }  // namespace
 
-MeshBuilder::MeshBuilder(const std::string& path, bool y_up) : y_up_(y_up), allowed_(kAllowed) {
+MeshBuilder::MeshBuilder(const std::string& path, bool y_up)
+    : y_up_(y_up), finder_(fs::path(path).parent_path(), {}, is_allowed), allowed_(kAllowed) {
   mesh_.source = path;
 }
 
@@ -73,28 +74,17 @@ void MeshBuilder::add_file(const std::string& file) {
   if (std::ranges::find(mesh_.files, file) == mesh_.files.end()) mesh_.files.push_back(file);
 }
 
-std::optional<std::string> MeshBuilder::locate(std::string reference,
-                                               const std::string& folder) const {
-  std::ranges::replace(reference, '\\', '/');
-  const fs::path own = fs::path(path()).parent_path();
-  const std::string decoded = decode_percent(reference);
-  const fs::path last = fs::path(decoded).filename();
-  for (const fs::path& from : {fs::path(folder), fs::path()})
-    for (const fs::path& name : {fs::path(reference), fs::path(decoded), last}) {
-      const fs::path at = (from / name).lexically_normal();
-      std::error_code ignored;
-      if (is_allowed(at) && fs::is_regular_file(own / at, ignored)) return at.string();
-    }
+std::optional<std::string> MeshBuilder::locate(const std::string& reference,
+                                               const std::string& folder) {
+  for (const std::string& from : {folder, std::string()})
+    for (const std::string& name : {reference, decode_percent(reference)})
+      if (auto found = finder_.find(name, from)) return found;
   return {};
 }
 
 Result<Bytes> MeshBuilder::read(const std::string& what, const std::string& reference) {
-  if (const auto found = locate(reference)) return read(beside(*found));
+  if (const auto found = locate(reference)) return read(*found);
   return missing(what, reference);
-}
-
-std::string MeshBuilder::beside(const std::string& file) const {
-  return fs::path(path()).parent_path() / file;
 }
 
 tl::unexpected<Error> MeshBuilder::missing(const std::string& what,
@@ -107,7 +97,7 @@ tl::unexpected<Error> MeshBuilder::missing(const std::string& what,
 Result<std::size_t> MeshBuilder::texture(const std::string& reference, const std::string& folder) {
   const auto found = locate(reference, folder);
   if (!found) return missing("texture", reference);
-  const std::string file = beside(*found);
+  const std::string& file = *found;
   if (const auto known = textures_.find(file); known != textures_.end()) return known->second;
   const std::uint64_t allowed = allowed_;
   const auto bytes = read(file);
@@ -223,6 +213,11 @@ void MeshBuilder::note(const std::string& text) {
   if (notes.size() < 20 && std::ranges::find(notes, text) == notes.end()) notes.push_back(text);
 }
 
+void MeshBuilder::note_emission(bool shown) {
+  note(shown ? "materials that only glow are shown in that colour, and lit like others"
+             : "the emission of materials that also have another colour is left out");
+}
+
 Result<Mesh> MeshBuilder::finish() {
   if (full())
     return error(ErrorCode::unsupported, "has more than ", kMaxTriangles,
@@ -272,21 +267,6 @@ std::string decode_percent(std::string_view text) {
     }
   }
   return out;
-}
-
-std::string_view next_word(std::string_view& text) {
-  const auto is_space = [](char c) { return c == ' ' || (c >= '\t' && c <= '\r'); };
-  const auto* begin = std::ranges::find_if_not(text, is_space);
-  const auto* end = std::find_if(begin, text.end(), is_space);
-  text.remove_prefix(static_cast<std::size_t>(end - text.begin()));
-  return {begin, static_cast<std::size_t>(end - begin)};
-}
-
-std::string_view next_line(std::string_view& text) {
-  const std::string_view line = text.substr(0, text.find_first_of("\r\n"));
-  text.remove_prefix(line.size());
-  if (!text.empty()) text.remove_prefix(text.starts_with("\r\n") ? 2 : 1);
-  return line;
 }
 
 }  // namespace slf

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "base/bytes.h"
+#include "base/file_finder.h"
 #include "slf/mesh.h"
 
 namespace slf {
@@ -47,10 +48,9 @@ class MeshBuilder {
   [[nodiscard]] Result<Bytes> read(const std::string& what, const std::string& reference);
   /// The path of a file that a mesh names; `folder`, relative to the mesh's own, is that of the
   /// file with the name. Only regular files in the mesh's folder, beside that folder, or below
-  /// either; none that is hidden. Programs on Windows write backslashes, some write the path that
-  /// the file had on their machine: then it is looked for by its last part.
-  [[nodiscard]] std::optional<std::string> locate(std::string reference,
-                                                  const std::string& folder = "") const;
+  /// either; none that is hidden. As FileFinder finds them.
+  [[nodiscard]] std::optional<std::string> locate(const std::string& reference,
+                                                  const std::string& folder = "");
   void add_file(const std::string& file);
 
   /// The index in Mesh::textures of a picture. Files are decoded once. io: it is missing.
@@ -71,17 +71,19 @@ class MeshBuilder {
   [[nodiscard]] std::size_t vertices() const { return positions_.size(); }
   void leave_out() { left_out_ = true; }
   void note(const std::string& text);
+  /// Notes what becomes of emission: shown as the colour, of materials that have no other, or not.
+  void note_emission(bool shown);
 
   /// unsupported: too large. bad_file: no triangles, or a vertex that is not finite.
   [[nodiscard]] Result<Mesh> finish();
 
  private:
-  [[nodiscard]] std::string beside(const std::string& file) const;
   [[nodiscard]] tl::unexpected<Error> missing(const std::string& what,
                                               const std::string& reference) const;
   static constexpr std::uint64_t kMost = std::uint64_t{1} << 50;
   Mesh mesh_;
   const bool y_up_;
+  FileFinder finder_;
   std::vector<glm::dvec3> positions_;
   std::map<std::string, std::size_t> textures_;  // by path or name
   std::uint64_t allowed_, used_ = 0;             // bytes
@@ -97,16 +99,16 @@ class MeshBuilder {
 /// light.
 inline constexpr float kPlainColor = 0.6f;
 
+/// What the colours of a file run to, of which this is the largest number: 1, 255 or 65535.
+[[nodiscard]] constexpr double color_scale(double largest) {
+  return largest > 255 ? 65535 : largest > 1 ? 255 : 1;
+}
+
 /// A colour as files write it, 0 to 1.
 [[nodiscard]] glm::u8vec4 color_bytes(glm::vec4 color, bool linear);
 
 /// Replaces %20 and the like.
 [[nodiscard]] std::string decode_percent(std::string_view text);
-
-/// The next word of `text`, which is removed from it; empty at its end.
-[[nodiscard]] std::string_view next_word(std::string_view& text);
-/// The next line, without its end (LF, CR LF or CR), which is removed from `text`.
-[[nodiscard]] std::string_view next_line(std::string_view& text);
 
 // The readers. `bytes` are those of the file.
 [[nodiscard]] Result<void> read_gltf(ByteSpan bytes, MeshBuilder& to);

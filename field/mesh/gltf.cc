@@ -309,10 +309,20 @@ class GltfReader {
       const JsonValue specular = from["extensions"][kSpecular],
                       metal = from["pbrMetallicRoughness"];
       const JsonValue color = specular ? specular["diffuseFactor"] : metal["baseColorFactor"];
+      JsonValue texture = specular ? specular["diffuseTexture"] : metal["baseColorTexture"];
       if (color) {
         const auto factor = vector_of<4>(color);
         if (!factor) return wrong("material '", to.name, "': its colour is malformed");
         to.color = glm::clamp(glm::vec4(*factor), 0.f, 1.f);
+      }
+      const auto emission = vector_of<3>(from["emissiveFactor"]);
+      if (emission && *emission != glm::dvec3(0)) {
+        const bool dark = glm::vec3(to.color) == glm::vec3(0);
+        to_.note_emission(dark);
+        if (dark) {
+          to.color = glm::vec4(glm::clamp(glm::vec3(*emission), 0.f, 1.f), to.color.a);
+          texture = from["emissiveTexture"];
+        }
       }
       if (from["extensions"]["KHR_materials_unlit"])
         to_.note("materials without light are lit like others, unless shading is off");
@@ -321,8 +331,7 @@ class GltfReader {
                    : mode == "BLEND" ? MeshOpacity::blend
                                      : MeshOpacity::opaque;
       to.cutoff = static_cast<float>(from["alphaCutoff"].number().value_or(0.5));
-      if (const JsonValue texture =
-              specular ? specular["diffuseTexture"] : metal["baseColorTexture"]) {
+      if (texture) {
         to_.at("material '" + to.name + "': ");
         SLF_TRY(add_texture(texture, to, paint));
         to_.at("");

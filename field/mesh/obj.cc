@@ -100,9 +100,23 @@ Map map_of(std::string_view text) {
 
 struct Material {
   std::string name, folder;  // of its file, relative to the mesh's
-  std::optional<glm::vec3> color{};
+  std::optional<glm::vec3> color{}, emission{};
   std::optional<float> dissolve{}, transparency{};
-  Map color_map{}, opacity_map{};
+  Map color_map{}, ambient_map{}, emission_map{}, opacity_map{};
+
+  /// The colour and the map that count: what glows alone, the ambient map if it is the only one,
+  /// and maps as Maya writes them, beside black.
+  void settle(MeshBuilder& to) {
+    constexpr glm::vec3 kBlack(0), kWhite(1);
+    const bool glows = !emission_map.file.empty() || emission.value_or(kBlack) != kBlack;
+    const bool dark = color_map.file.empty() && color.value_or(kBlack) == kBlack;
+    if (glows) to.note_emission(dark);
+    if (glows && dark) color = emission, color_map = emission_map;
+    if (color_map.file.empty()) color_map = ambient_map;
+    if (!color_map.file.empty() && color.value_or(kBlack) == kBlack) color = kWhite;
+  }
+  /// What places the texture coordinates.
+  [[nodiscard]] const Map& map() const { return color_map.file.empty() ? opacity_map : color_map; }
 };
 
 class ObjReader {
@@ -113,9 +127,9 @@ class ObjReader {
   Result<void> read() {
     SLF_TRY(read_vertices());
     materials_.emplace_back();  // of faces without one
-    for (const Material& m : materials_) {
-      const Map& map = m.color_map.file.empty() ? m.opacity_map : m.color_map;
-      moves_.emplace_back(map.scale, map.offset);
+    for (Material& m : materials_) {
+      m.settle(to_);
+      moves_.emplace_back(m.map().scale, m.map().offset);
     }
     SLF_TRY(read_faces());
     std::vector<bool> used(materials_.size());
@@ -162,9 +176,9 @@ class ObjReader {
           // x y z r g b, or x y z w r g b.
           if (count >= 6) {
             const std::size_t c = count == 7 ? 4 : 3;
-            colors_.resize(positions_.size() - 1, glm::u8vec4(255));
-            colors_.push_back(
-                color_bytes({float_at(c), float_at(c + 1), float_at(c + 2), 1}, false));
+            colors_.resize(positions_.size() - 1, glm::vec3(kNoColor));
+            colors_.emplace_back(float_at(c), float_at(c + 1), float_at(c + 2));
+            for (int k = 0; k < 3; ++k) most_ = std::max(most_, colors_.back()[k]);
           }
         } else if (word == "vt") {
           uvs_.emplace_back(float_at(0), float_at(1));
@@ -173,7 +187,8 @@ class ObjReader {
         }
       }
     }
-    if (!colors_.empty()) colors_.resize(positions_.size(), glm::u8vec4(255));
+    if (!colors_.empty()) colors_.resize(positions_.size(), glm::vec3(kNoColor));
+    most_ = static_cast<float>(color_scale(most_));
     heads_.assign(positions_.size(), kNone);
     return {};
   }
@@ -192,8 +207,9 @@ class ObjReader {
 
   Result<void> read_materials(const std::string& file) {
     if (!libraries_.insert(file).second) return {};
-    const Bytes bytes = SLF_TRY(to_.read((fs::path(to_.path()).parent_path() / file).string()));
-    const std::string folder = fs::path(file).parent_path();
+    const Bytes bytes = SLF_TRY(to_.read(file));
+    const std::string folder =
+        fs::path(file).parent_path().lexically_relative(fs::path(to_.path()).parent_path());
     Material* to = nullptr;
     for (Lines lines(without_byte_order_mark(chars_of(bytes))); lines.next();) {
       std::string_view rest = lines.line();
@@ -215,20 +231,24 @@ class ObjReader {
         const auto value = parse_number(first);
         return value ? std::optional(static_cast<float>(*value)) : std::nullopt;
       };
-      if (word == "kd") {
+      if (word == "kd" || word == "ke") {
         std::string_view words = without_comment(rest);
         glm::vec3 color(0);
         for (int c = 0; c < 3; ++c) {
           const auto value = parse_number(next_word(words));
           color[c] = value ? static_cast<float>(*value) : c > 0 ? color[c - 1] : 1.f;
         }
-        to->color = color;
+        (word == "kd" ? to->color : to->emission) = color;
       } else if (word == "d") {
         to->dissolve = number();
       } else if (word == "tr") {
         to->transparency = number();
       } else if (word == "map_kd") {
         to->color_map = map_of(trim(rest));
+      } else if (word == "map_ka") {
+        to->ambient_map = map_of(trim(rest));
+      } else if (word == "map_ke") {
+        to->emission_map = map_of(trim(rest));
       } else if (word == "map_d") {
         to->opacity_map = map_of(trim(rest));
       }
@@ -241,14 +261,17 @@ class ObjReader {
     to.name = from.name;
     const glm::vec3 color = glm::clamp(from.color.value_or(glm::vec3(1)), 0.f, 1.f);
     for (int c = 0; c < 3; ++c) to.color[c] = linear_from_srgb(color[c]);
-    const float opacity = from.dissolve.value_or(1 - from.transparency.value_or(0));
+    float opacity = from.dissolve.value_or(1 - from.transparency.value_or(0));
+    if (!from.dissolve && opacity == 0) {  // nobody makes faces that nobody can see
+      opacity = 1;
+      if (used) to_.note("'Tr 1' is taken for opaque, as old MeshLab and OpenMVS write it");
+    }
     to.color.a = std::clamp(opacity == opacity ? opacity : 1.f, 0.f, 1.f);
     if (to.color.a < 1) to.opacity = MeshOpacity::blend;
-    const Map& map = from.color_map.file.empty() ? from.opacity_map : from.color_map;
     if (used && !from.color_map.file.empty())
       to.texture = SLF_TRY(to_.texture(from.color_map.file, from.folder));
     if (used && !from.opacity_map.file.empty()) SLF_TRY(cut(from, to));
-    if (map.clamp) to.wrap_u = to.wrap_v = MeshWrap::clamp;
+    if (from.map().clamp) to.wrap_u = to.wrap_v = MeshWrap::clamp;
     to_.mesh().materials.push_back(std::move(to));
     return {};
   }
@@ -345,7 +368,8 @@ class ObjReader {
       vertex.uv = glm::vec2(uv.x, 1 - uv.y);
     }
     if (corner[2] != kNone) vertex.normal = normals_[corner[2]];
-    if (!colors_.empty()) vertex.color = colors_[corner[0]];
+    if (!colors_.empty() && colors_[corner[0]].x != kNoColor)
+      vertex.color = color_bytes(glm::vec4(colors_[corner[0]] / most_, 1), false);
     at = to_.add(vertex);
     if (to_.full()) return 0;
     owns_.push_back(own);
@@ -355,18 +379,12 @@ class ObjReader {
 
   void finish_materials() {
     Mesh& mesh = to_.mesh();
-    // Without any colour, a light grey. Old MeshLab and OpenMVS wrote 'Tr 1' for opaque.
+    // Without any colour, a light grey.
     const bool colored = !mesh.colors.empty();
-    const bool hidden = !can_be_seen(mesh);
     for (std::size_t k = 0; k < materials_.size(); ++k) {
       MeshMaterial& to = mesh.materials[k];
       if (!materials_[k].color && !to.texture && !colored)
         to.color = {glm::vec3(kPlainColor), to.color.a};
-      if (hidden && materials_[k].transparency && !materials_[k].dissolve && to.color.a == 0) {
-        to.color.a = 1;
-        if (to.opacity == MeshOpacity::blend) to.opacity = MeshOpacity::opaque;
-        to_.note("'Tr 1' is taken for opaque: otherwise nothing could be seen");
-      }
     }
   }
 
@@ -375,7 +393,9 @@ class ObjReader {
   std::vector<glm::dvec3> positions_;
   std::vector<glm::vec2> uvs_;
   std::vector<glm::vec3> normals_;
-  std::vector<glm::u8vec4> colors_;
+  static constexpr float kNoColor = -1;
+  std::vector<glm::vec3> colors_;  // kNoColor: none
+  float most_ = 0;                 // that they run to
   std::set<std::string> libraries_;
   std::map<std::string, std::uint32_t> names_;  // of materials
   std::vector<Material> materials_;

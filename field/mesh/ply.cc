@@ -33,6 +33,11 @@ struct Element {
   }
 };
 
+/// The largest numbers of colours and of alpha, see color_scale().
+struct ColorScales {
+  double color = 1, alpha = 1;
+};
+
 /// The places of red, green, blue and alpha in an element, or -1.
 std::array<int, 4> find_color(const Element& element) {
   std::array<int, 4> places{element.find({"red", "diffuse_red", "r"}),
@@ -64,8 +69,9 @@ class PlyReader {
                              "first");
     }
     bool mapped = points->find({"s", "u", "texture_u"}) >= 0;
+    SLF_TRY(read_wedges());
     for (const Element& e : elements_) {
-      const bool own = e.name == "face" && e.find({"texcoord"}) >= 0;
+      const bool own = e.name == "face" && (e.find({"texcoord"}) >= 0 || !wedges_.empty());
       mapped = mapped || own;
       faces_own_ = faces_own_ || own || (e.name == "face" && find_color(e)[0] >= 0);
     }
@@ -140,6 +146,9 @@ class PlyReader {
   }
 
   Result<void> read_materials(bool mapped) {
+    if (!textures_.empty() && !mapped)
+      to_.note("its texture " + textures_.front() +
+               " is not used: neither vertices nor faces have texture coordinates");
     if (textures_.empty() || !mapped) textures_.assign(1, "");
     for (const std::string& name : textures_) {
       MeshMaterial to;
@@ -163,9 +172,102 @@ class PlyReader {
     return true;
   }
 
-  Result<void> read_element(const Element& element) {
+  /// The numbers of an element, by property.
+  struct Row {
+    std::vector<double> values;
+    std::vector<std::vector<double>> lists;
+    [[nodiscard]] double value(int k) const {
+      return k < 0 ? 0 : values[static_cast<std::size_t>(k)];
+    }
+    [[nodiscard]] const std::vector<double>& list(int k) const {
+      static const std::vector<double> kEmpty;
+      return k < 0 ? kEmpty : lists[static_cast<std::size_t>(k)];
+    }
+  };
+
+  /// Calls visit(number, row) for each of its kind, which returns a Result<void>.
+  template <class Visit>
+  Result<void> read_rows(const Element& element, const Visit& visit) {
     const std::size_t width = element.properties.size();
-    if (width == 0) return {};
+    Row row{std::vector<double>(width), std::vector<std::vector<double>>(width)};
+    for (std::uint64_t k = 0; width > 0 && k < element.count && !to_.full(); ++k) {
+      for (std::size_t p = 0; p < width; ++p) {
+        const Property& property = element.properties[p];
+        double length = 0;
+        bool good =
+            property.length ? take(*property.length, length) : take(property.type, row.values[p]);
+        // In text a number takes two characters.
+        if (!(length >= 0 && length <= static_cast<double>(rest_.size()))) good = false;
+        row.lists[p].clear();
+        for (std::size_t i = 0; good && i < static_cast<std::size_t>(length); ++i)
+          good = take(property.type, row.lists[p].emplace_back());
+        if (!good)
+          return to_.wrong("PLY: element '", element.name, "' ", k, ", property '", property.name,
+                           "': ", rest_.empty() ? "truncated; copy the file again" : "malformed");
+      }
+      SLF_TRY(visit(k, row));
+    }
+    return {};
+  }
+
+  /// Texture coordinates as Artec's programs write them, in elements of their own, which may stand
+  /// behind the faces.
+  Result<void> read_wedges() {
+    if (std::ranges::find(elements_, "multi_texture_face", &Element::name) == elements_.end())
+      return {};
+    const std::string_view data = rest_;
+    std::vector<glm::dvec2> places;
+    std::uint64_t faces = 0;
+    for (const Element& element : elements_) {
+      if (element.name == "face") faces = element.count;
+      const int u = element.find({"u"}), v = element.find({"v"}), face = element.find({"tn"}),
+                texture = element.find({"tx"}), indices = element.find({"texture_vertex_indices"});
+      SLF_TRY(read_rows(element, [&](std::uint64_t k, const Row& row) -> Result<void> {
+        if (element.name == "multi_texture_vertex") places.emplace_back(row.value(u), row.value(v));
+        if (element.name != "multi_texture_face") return {};
+        const double number = face < 0 ? static_cast<double>(k) : row.value(face);
+        if (!(number >= 0 && number < static_cast<double>(faces)))
+          return to_.wrong("PLY: texture coordinates are of face ", number, " of ", faces);
+        wedges_.resize(faces);
+        Wedges& to = wedges_[static_cast<std::size_t>(number)];
+        to = {{}, row.value(texture)};
+        for (const double index : row.list(indices)) {
+          if (!(index >= 0 && index < static_cast<double>(places.size())))
+            return to_.wrong("PLY: face ", number, " has texture coordinate ", index, " of ",
+                             places.size());
+          const glm::dvec2& at = places[static_cast<std::size_t>(index)];
+          to.uvs.insert(to.uvs.end(), {at.x, at.y});
+        }
+        return {};
+      }));
+    }
+    rest_ = data;
+    return {};
+  }
+
+  /// What the colours of an element run to. Only bytes tell by their type.
+  Result<ColorScales> color_scales(const Element& element, const std::array<int, 4>& color) {
+    const auto is_byte = [&](int k) {
+      return k < 0 || bytes_per_voxel(element.properties[static_cast<std::size_t>(k)].type) == 1;
+    };
+    const auto is_float = [&](int k) {
+      return k >= 0 && element.properties[static_cast<std::size_t>(k)].type >= ScalarType::f32;
+    };
+    ColorScales largest{is_float(color[0]) ? 0.0 : 2.0, is_float(color[3]) ? 0.0 : 2.0};
+    if (!std::ranges::all_of(color, is_byte)) {
+      const std::string_view data = rest_;
+      SLF_TRY(read_rows(element, [&](std::uint64_t, const Row& row) -> Result<void> {
+        for (std::size_t c = 0; c < 3; ++c)
+          largest.color = std::max(largest.color, row.value(color[c]));
+        largest.alpha = std::max(largest.alpha, row.value(color[3]));
+        return {};
+      }));
+      rest_ = data;
+    }
+    return ColorScales{color_scale(largest.color), color_scale(largest.alpha)};
+  }
+
+  Result<void> read_element(const Element& element) {
     const bool vertex = element.name == "vertex", face = element.name == "face",
                strips = element.name == "tristrips";
     const std::array<int, 3> position{element.find({"x"}), element.find({"y"}),
@@ -179,62 +281,38 @@ class PlyReader {
     const std::array<int, 4> color = find_color(element);
     const int indices = element.find({"vertex_indices", "vertex_index"}),
               coordinates = element.find({"texcoord"}), texture = element.find({"texnumber"});
-    std::vector<double> values(width);
-    std::vector<std::vector<double>> lists(width);
-    const auto value = [&](int k) { return k < 0 ? 0 : values[static_cast<std::size_t>(k)]; };
-    const auto list = [&](int k) -> const std::vector<double>& {
-      static const std::vector<double> kEmpty;
-      return k < 0 ? kEmpty : lists[static_cast<std::size_t>(k)];
-    };
-    const auto color_of = [&]() -> std::optional<glm::u8vec4> {
+    const ColorScales scales = SLF_TRY(color_scales(element, color));
+    const auto color_of = [&](const Row& row) -> std::optional<glm::u8vec4> {
       if (color[0] < 0) return {};
-      glm::vec4 rgba(1);
-      for (int c = 0; c < 4; ++c)
-        if (const int k = color[static_cast<std::size_t>(c)]; k >= 0) {
-          const ScalarType type = element.properties[static_cast<std::size_t>(k)].type;
-          const double most = type >= ScalarType::f32      ? 1
-                              : bytes_per_voxel(type) == 2 ? 65535
-                                                           : 255;
-          rgba[c] = static_cast<float>(value(k) / most);
-        }
-      return color_bytes(rgba, false);
+      glm::dvec4 rgba(row.value(color[0]), row.value(color[1]), row.value(color[2]), scales.alpha);
+      if (color[3] >= 0) rgba.a = row.value(color[3]);
+      return color_bytes(rgba / glm::dvec4(scales.color, scales.color, scales.color, scales.alpha),
+                         false);
     };
-    for (std::uint64_t k = 0; k < element.count && !to_.full(); ++k) {
-      for (std::size_t p = 0; p < width; ++p) {
-        const Property& property = element.properties[p];
-        double length = 0;
-        bool good =
-            property.length ? take(*property.length, length) : take(property.type, values[p]);
-        // In text a number takes two characters.
-        if (!(length >= 0 && length <= static_cast<double>(rest_.size()))) good = false;
-        lists[p].clear();
-        for (std::size_t i = 0; good && i < static_cast<std::size_t>(length); ++i)
-          good = take(property.type, lists[p].emplace_back());
-        if (!good)
-          return to_.wrong("PLY: element '", element.name, "' ", k, ", property '", property.name,
-                           "': ", rest_.empty() ? "truncated; copy the file again" : "malformed");
-      }
+    return read_rows(element, [&](std::uint64_t k, const Row& row) -> Result<void> {
+      const auto value = [&](int place) { return row.value(place); };
       if (vertex) {
         MeshVertex v{{value(position[0]), value(position[1]), value(position[2])}};
         if (normal[0] >= 0 && normal[1] >= 0 && normal[2] >= 0)
           v.normal = glm::vec3(value(normal[0]), value(normal[1]), value(normal[2]));
         if (uv[0] >= 0 && uv[1] >= 0) v.uv = glm::vec2(value(uv[0]), 1 - value(uv[1]));
-        v.color = color_of();
+        v.color = color_of(row);
         colored_ = color[0] >= 0;
         if (faces_own_)
           vertices_.push_back(v);
         else
           to_.add(v);
       } else if (face) {
-        const double number = value(texture);
+        const Wedges* wedges = k < wedges_.size() ? &wedges_[k] : nullptr;
+        const double number = wedges ? wedges->texture : value(texture);
         const bool known = number >= 0 && number < static_cast<double>(textures_.size());
-        SLF_TRY(add_face(k, list(indices), list(coordinates), color_of(),
-                         known ? static_cast<std::uint32_t>(number) : 0));
+        SLF_TRY(add_face(k, row.list(indices), wedges ? wedges->uvs : row.list(coordinates),
+                         color_of(row), known ? static_cast<std::uint32_t>(number) : 0));
       } else if (strips) {
-        SLF_TRY(add_strips(list(indices)));
+        SLF_TRY(add_strips(row.list(indices)));
       }
-    }
-    return {};
+      return {};
+    });
   }
 
   [[nodiscard]] Result<std::uint32_t> vertex_at(double index) const {
@@ -286,6 +364,11 @@ class PlyReader {
   // Where faces have colours or texture coordinates, each has vertices of its own: copies of these.
   bool faces_own_ = false, colored_ = false;
   std::vector<MeshVertex> vertices_;
+  struct Wedges {
+    std::vector<double> uvs;
+    double texture = 0;
+  };
+  std::vector<Wedges> wedges_;          // of each face, if they are in elements of their own
   std::vector<std::uint32_t> corners_;  // of a face
 };
 

@@ -15,7 +15,7 @@ constexpr std::size_t kHeader = 84, kFacet = 50;
 
 /// Many programs begin binary files with "solid", too. Text has no zeros.
 bool is_text(std::string_view bytes) {
-  const std::string_view start = trim(bytes.substr(0, 4096));
+  const std::string_view start = trim(without_byte_order_mark(bytes.substr(0, 4096)));
   return lower_case(start.substr(0, 5)) == "solid" && start.find('\0') == start.npos;
 }
 
@@ -23,10 +23,11 @@ Result<void> read_text(std::string_view text, MeshBuilder& to) {
   bool open = false;  // a solid that does not end yet
   std::vector<std::uint32_t> corners;
   while (!text.empty() && !to.full()) {
-    const std::string word = lower_case(next_word(text));
+    std::string word = lower_case(next_word(text));
+    if (word == "end") word += lower_case(next_word(text));  // in two words, as some write it
     if (word == "solid" || word == "endsolid") {
       open = word == "solid";
-      (void)next_line(text);  // its name
+      next_line(text);  // its name
     } else if (word == "vertex") {
       glm::dvec3 p(0);
       for (int axis = 0; axis < 3; ++axis) {
@@ -52,19 +53,26 @@ Result<void> read_binary(ByteSpan bytes, MeshBuilder& to) {
   if ((bytes.size() - kHeader) / kFacet < count)
     return to.wrong("STL: says ", count, " triangles, which need ", kHeader + kFacet * count,
                     " bytes, but it has ", bytes.size(), ": truncated; copy it again");
-  // Colours have 5 bits; which end is red depends on the program that wrote them.
+  // Colours have 5 bits. With Magics' header bit 15 stands for the colour of the whole part, as do
+  // attributes that are all 0; red is in the lowest bits. Without it bit 15 says that there is a
+  // colour, and red is in the highest.
   const std::string_view header(reinterpret_cast<const char*>(bytes.data()), 80);
   const std::size_t magics = header.substr(0, 70).find("COLOR=");
   const auto part = [&](std::size_t k) {
     return static_cast<std::uint8_t>(header[magics + 6 + k]);
   };
+  const auto attribute = [&](std::size_t facet) -> unsigned {
+    return load_le<std::uint16_t>(&bytes[kHeader + kFacet * facet + 48]);
+  };
   std::optional<glm::u8vec4> all;
-  if (magics != header.npos) all = glm::u8vec4(part(0), part(1), part(2), 255);
+  bool own = magics == header.npos;
+  if (!own) all = glm::u8vec4(part(0), part(1), part(2), 255);
+  for (std::size_t k = 0; k < count && !own; ++k) own = attribute(k) != 0;
   for (std::size_t k = 0; k < count && !to.full(); ++k) {
     const std::byte* facet = &bytes[kHeader + kFacet * k];
-    const unsigned bits = load_le<std::uint16_t>(facet + 48);
+    const unsigned bits = attribute(k);
     std::optional<glm::u8vec4> color = all;
-    if ((bits & 0x8000U) != 0) {
+    if (own && ((bits & 0x8000U) != 0) != all.has_value()) {
       const auto five = [&](unsigned shift) {
         return static_cast<std::uint8_t>(((bits >> shift & 31U) * 255 + 15) / 31);
       };

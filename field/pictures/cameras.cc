@@ -47,12 +47,13 @@ Result<PictureSet> read_model(const std::string& model_folder, const std::string
   auto set = SLF_TRY(cameras::parse_colmap(model, pictures));
   for (const char* name : {"/cameras", "/images", "/points3D"})
     set.models.push_back(model_folder + name + (model.text ? ".txt" : ".bin"));
-  cameras::FileFinder finder(pictures);
+  cameras::PictureFinder finder(pictures);
   std::set<std::string> named;
   for (Picture& picture : set.pictures) {
     picture.file = finder.find(picture.name);
     named.insert(picture.file);
   }
+  finder.add_notes(set.notes);
   std::size_t without = 0;
   std::error_code code;  // pictures in folders that cannot be read are not counted
   auto it = fs::recursive_directory_iterator(pictures,
@@ -174,41 +175,19 @@ Result<void> cameras::check_sizes(PictureSet& set) {
   return {};
 }
 
-fs::path cameras::FileFinder::entry(const fs::path& folder, const std::string& name) {
-  std::error_code error;
-  if (fs::exists(folder / name, error)) return folder / name;
-  const auto [found, is_new] = entries_.try_emplace(folder.string());
-  if (is_new) {
-    auto it = fs::directory_iterator(folder.empty() ? "." : folder, error);
-    for (; !error && it != fs::directory_iterator(); it.increment(error)) {
-      std::string there = it->path().filename().string();
-      std::string key = lower_case(there);
-      found->second.emplace(std::move(key), std::move(there));
-    }
-  }
-  const auto entry = found->second.find(lower_case(name));
-  return folder / (entry == found->second.end() ? name : entry->second);
+cameras::PictureFinder::PictureFinder(const std::string& folder)
+    : folder_(folder),
+      finder_(folder, {".png", ".jpg", ".jpeg", ".exr", ".tif", ".tiff", ".hdr"}) {}
+
+std::string cameras::PictureFinder::find(const std::string& stated) {
+  return finder_.find(stated).value_or((fs::path(folder_) / stated).lexically_normal().string());
 }
 
-fs::path cameras::FileFinder::folder_like(const fs::path& path) {
-  std::error_code ignored;
-  if (path.empty() || !path.has_relative_path() || fs::is_directory(path, ignored)) return path;
-  return entry(folder_like(path.parent_path()), path.filename().string());
-}
-
-std::string cameras::FileFinder::find(const std::string& stated) {
-  std::error_code ignored;
-  const fs::path path = (fs::path(folder_) / stated).lexically_normal();
-  if (fs::is_regular_file(path, ignored)) return path.string();
-  std::string slashes = stated;
-  std::ranges::replace(slashes, '\\', '/');
-  const fs::path other = (fs::path(folder_) / slashes).lexically_normal();
-  const fs::path folder = folder_like(other.parent_path());
-  for (const char* extension : {"", ".png", ".jpg", ".jpeg", ".exr", ".tif", ".tiff", ".hdr"})
-    if (auto file = entry(folder, other.filename().string() + extension);
-        fs::is_regular_file(file, ignored))
-      return file.string();
-  return path.string();
+void cameras::PictureFinder::add_notes(std::vector<std::string>& notes) const {
+  if (finder_.moved() > 0)
+    notes.push_back(concat(finder_.moved(),
+                           " files are not at the paths that name them, and were found by the last "
+                           "folders of these"));
 }
 
 Result<void> cameras::LeftOut::add(Error why) {

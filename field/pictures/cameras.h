@@ -1,7 +1,6 @@
 // Reading files of cameras. Internal.
 #pragma once
 
-#include <filesystem>
 #include <map>
 #include <optional>
 #include <string>
@@ -9,6 +8,7 @@
 #include <vector>
 
 #include "base/bytes.h"
+#include "base/file_finder.h"
 #include "field/image/formats.h"
 #include "slf/pictures.h"
 
@@ -17,22 +17,19 @@ namespace slf::cameras {
 inline constexpr std::uint64_t kMaxFileBytes = std::uint64_t{1} << 31;
 inline constexpr std::size_t kMaxPictures = 100000;
 
-/// Finds the files that names in a file of cameras mean, whatever program wrote them.
-class FileFinder {
+/// Finds the pictures that a file of cameras names, masks and depths too.
+class PictureFinder {
  public:
-  explicit FileFinder(std::string folder) : folder_(std::move(folder)) {}
-  /// The path as stated, relative to the folder; if there is no such file, with slashes for
-  /// backslashes, upper for lower case or the reverse, or the extension of a picture. If there is
-  /// none either, the path as stated.
+  /// `folder`: names are relative to it.
+  explicit PictureFinder(const std::string& folder);
+  /// As FileFinder; if there is none, the path as stated.
   [[nodiscard]] std::string find(const std::string& stated);
+  /// Says how many are elsewhere than stated.
+  void add_notes(std::vector<std::string>& notes) const;
 
  private:
-  /// The entry of a folder with this name, whatever its case.
-  std::filesystem::path entry(const std::filesystem::path& folder, const std::string& name);
-  std::filesystem::path folder_like(const std::filesystem::path& path);
-
   std::string folder_;
-  std::map<std::string, std::map<std::string, std::string>> entries_;  ///< by lower-case name
+  FileFinder finder_;
 };
 
 /// The pictures of a set that cannot be used: other readers leave them out, too.

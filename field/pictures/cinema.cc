@@ -83,7 +83,7 @@ Result<PictureSet> parse_cinema(std::string_view text, const std::string& name,
   set.source = name;
   std::vector<std::set<std::string>> values(columns.parameters.size());
   Row first;
-  FileFinder finder(folder);
+  PictureFinder finder(folder);
   LeftOut left_out;
   std::size_t number = 1, others = 0;
   for (Row row = next_row(); !row.empty(); row = next_row()) {
@@ -124,6 +124,7 @@ Result<PictureSet> parse_cinema(std::string_view text, const std::string& name,
     set_place(*phi, *theta, 1 / std::sin(narrow), picture);
     set.pictures.push_back(std::move(picture));
   }
+  finder.add_notes(set.notes);
   SLF_TRY(left_out.settle(set.pictures.size(), set.notes));
   if (set.pictures.empty()) return bad_file(name, "has no pictures");
   set.notes.push_back(

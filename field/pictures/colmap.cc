@@ -82,15 +82,14 @@ class Records {
 
   /// Goes to the next record. False: there is none.
   bool next() {
-    if (as_text_) return next_line(false);
+    if (as_text_) return next_text(false);
     return ok_ && left_ > 0 && left_-- > 0;
   }
   /// Goes to the next line that is no comment.
-  bool next_line(bool empty_ones) {
+  bool next_text(bool empty_ones) {
     ok_ = true;
-    for (std::size_t at = 0; !rest_.empty(); at = 0) {
-      line_ = volume_io::next_line(rest_, at);
-      rest_.remove_prefix(at);
+    while (!rest_.empty()) {
+      line_ = next_line(rest_);
       if (!line_.starts_with('#') && (empty_ones || !line_.empty())) return true;
     }
     return false;
@@ -253,7 +252,7 @@ Result<void> read_images(const ColmapModel& model, const std::string& image_fold
     if (!in.ok() || (model.text && name.empty())) return truncated();
     SLF_TRY(add(place, camera, name));
     // In text, a line of points follows, which may be empty. Some programs leave it out.
-    more = model.text && in.next_line(true) && begins_image(in.line()) ? true : in.next();
+    more = model.text && in.next_text(true) && begins_image(in.line()) ? true : in.next();
   }
   if (!in.ok()) return truncated();
   return {};

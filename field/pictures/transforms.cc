@@ -3,6 +3,7 @@
 #include <cmath>
 #include <filesystem>
 #include <nlohmann/json.hpp>
+#include <numbers>
 
 #include "base/try.h"
 #include "field/pictures/cameras.h"
@@ -42,13 +43,17 @@ class Reader {
                                     {"depth_file_path", &picture.depth},
                                     {"depth_path", &picture.depth}})
       if (const std::string stated = text_in(frame, key); !stated.empty())
-        *file = finder_.find(stated);
+        if (auto found = finder_.find(stated); found != picture.file) *file = std::move(found);
     SLF_TRY(set_place(frame, place, picture));
     SLF_TRY(set_lens(frame, place, picture));
     return picture;
   }
 
-  [[nodiscard]] const LeftOut& left_out() const { return left_out_; }
+  /// What a person should know of the pictures. Errors as LeftOut::settle().
+  [[nodiscard]] Result<void> settle(PictureSet& set) const {
+    finder_.add_notes(set.notes);
+    return left_out_.settle(set.pictures.size(), set.notes);
+  }
 
  private:
   /// Member of the frame or, if it has none, of the file.
@@ -112,17 +117,18 @@ class Reader {
       lens.width = size->width;
       lens.height = size->height;
     }
-    const auto focal = [&](const char* length, const char* angle,
-                           std::uint32_t side) -> std::optional<double> {
+    const auto focal = [&](const std::string& axis, std::uint32_t side) -> std::optional<double> {
       // An own angle precedes a common length.
       for (const Json* from : {&frame, &root_}) {
-        if (const auto f = number_in(*from, length)) return f;
-        if (const auto a = number_in(*from, angle)) return side / 2.0 / std::tan(*a / 2);
+        if (const auto degrees = number_in(*from, (axis + "_fov").c_str()))  // instant-ngp
+          return side / 2.0 / std::tan(*degrees * std::numbers::pi / 360);
+        if (const auto f = number_in(*from, ("fl_" + axis).c_str())) return f;
+        if (const auto a = number_in(*from, ("camera_angle_" + axis).c_str()))
+          return side / 2.0 / std::tan(*a / 2);
       }
       return std::nullopt;
     };
-    const auto fx = focal("fl_x", "camera_angle_x", lens.width);
-    const auto fy = focal("fl_y", "camera_angle_y", lens.height);
+    const auto fx = focal("x", lens.width), fy = focal("y", lens.height);
     if (!fx && !fy)
       return bad_file(
           place, "no focal length; expected \"fl_x\" in pixels or \"camera_angle_x\" in radians");
@@ -157,7 +163,7 @@ class Reader {
 
   const Json& root_;
   const std::string& name_;
-  FileFinder finder_;
+  PictureFinder finder_;
   LeftOut left_out_;
 };
 
@@ -179,7 +185,7 @@ Result<PictureSet> parse_transforms(std::string_view text, const std::string& na
     auto picture = SLF_TRY(reader.picture(frames[k], k));
     if (picture.lens.width > 0) set.pictures.push_back(std::move(picture));
   }
-  SLF_TRY(reader.left_out().settle(set.pictures.size(), set.notes));
+  SLF_TRY(reader.settle(set));
   for (const char* ignored : {"aabb_scale", "scale", "offset"})
     if (root.contains(ignored))
       set.notes.push_back(

@@ -169,9 +169,6 @@ using slf::trim;
 /// whichever there is. If there is none, that of the plain file.
 [[nodiscard]] std::string partner_of(const std::string& path, std::string_view ending);
 
-/// The next line of `text` from `at` on, without its end. Moves `at` to the line after it.
-[[nodiscard]] std::string_view next_line(std::string_view text, std::size_t& at);
-
 /// The cells of the next row of a table from `at` on, trimmed; an empty line has one. Double quotes
 /// may enclose a cell, and are doubled within it. Moves `at` behind the row, and counts in `line`.
 [[nodiscard]] std::vector<std::string> next_row(std::string_view text, std::size_t& at,
@@ -184,8 +181,8 @@ struct TextHeader {
   std::size_t bytes = 0;              ///< of the header, with the line that ends it
   std::vector<std::string> listed{};  ///< the names of data files, on lines of their own
 
-  /// Takes the lines of `head` from `at` on as names of data files.
-  void list(std::string_view head, std::size_t at);
+  /// Takes lines as names of data files.
+  void list(std::string_view lines);
 
   /// The value of a field; null if there is none.
   [[nodiscard]] const std::string* find(std::string_view field) const;

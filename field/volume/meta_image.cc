@@ -23,8 +23,10 @@ constexpr std::pair<std::string_view, const char*> kAliases[] = {
 
 Result<TextHeader> parse_meta_lines(const std::string& path, std::string_view head) {
   TextHeader header{.path = path};
-  for (int number = 1; header.bytes < head.size(); ++number) {
-    const auto line = next_line(head, header.bytes);
+  std::string_view rest = head;
+  for (int number = 1; !rest.empty(); ++number) {
+    const auto line = next_line(rest);
+    header.bytes = head.size() - rest.size();
     if (trim(line).empty()) continue;
     const auto equals = line.find('=');
     if (equals == std::string_view::npos)
@@ -38,7 +40,7 @@ Result<TextHeader> parse_meta_lines(const std::string& path, std::string_view he
     if (field == "ObjectType" && lower_case(value) != "image")
       return unsupported(path, "a MetaIO ", in_quotes(value), ", expected ObjectType = Image");
     if (field != "ElementDataFile") continue;
-    if (value.starts_with("LIST")) header.list(head, header.bytes);
+    if (value.starts_with("LIST")) header.list(rest);
     return header;
   }
   return bad_file(path, "the MetaImage header has no 'ElementDataFile' line");
@@ -184,8 +186,7 @@ Result<void> locate(const TextHeader& header, const std::vector<std::uint64_t>& 
 }  // namespace
 
 bool looks_like_meta(std::string_view head) {
-  std::size_t at = 0;
-  const auto line = next_line(head, at);
+  const auto line = next_line(head);
   const auto equals = line.find('=');
   if (equals == std::string_view::npos) return false;
   const auto field = trim(line.substr(0, equals));
@@ -196,8 +197,8 @@ bool looks_like_meta(std::string_view head) {
 }
 
 bool meta_names_files(std::string_view head) {
-  for (std::size_t at = 0; at < head.size();) {
-    const std::string line = lower_case(trim(next_line(head, at)));
+  while (!head.empty()) {
+    const std::string line = lower_case(trim(next_line(head)));
     if (line.starts_with("elementdatafile"))
       return trim(std::string_view(line).substr(line.find('=') + 1)) != "local";
   }

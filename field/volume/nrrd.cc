@@ -32,9 +32,10 @@ struct Axis {
 
 Result<TextHeader> parse_nrrd_lines(const std::string& path, std::string_view head) {
   TextHeader header{.path = path};
-  std::size_t at = std::min(head.find('\n'), head.size() - 1) + 1;  // after the magic
-  for (int number = 2; at < head.size(); ++number) {
-    const auto line = next_line(head, at);
+  std::string_view rest = head;
+  next_line(rest);  // the magic
+  for (int number = 2; !rest.empty(); ++number) {
+    const auto line = next_line(rest);
     if (line.empty()) break;
     const auto colon = line.find(':');
     if (line.starts_with('#') || line.find(":=") != std::string_view::npos) continue;
@@ -45,11 +46,11 @@ Result<TextHeader> parse_nrrd_lines(const std::string& path, std::string_view he
     std::erase(field, ' ');
     header.fields[field] = trim(line.substr(colon + 1));
     if (field == "datafile" && header.fields[field].starts_with("LIST")) {
-      header.list(head, at);
-      at = head.size();
+      header.list(rest);
+      rest = {};
     }
   }
-  header.bytes = at;
+  header.bytes = head.size() - rest.size();
   return header;
 }
 
@@ -382,8 +383,8 @@ Result<void> locate(const TextHeader& header, ScalarType type, const std::vector
 bool looks_like_nrrd(std::string_view head) { return head.starts_with("NRRD000"); }
 
 bool nrrd_names_files(std::string_view head) {
-  for (std::size_t at = 0; at < head.size();) {
-    const std::string line = lower_case(trim(next_line(head, at)));
+  while (!head.empty()) {
+    const std::string line = lower_case(trim(next_line(head)));
     if (line.empty()) break;  // voxels follow
     if (line.starts_with("data file:") || line.starts_with("datafile:")) return true;
   }

@@ -139,19 +139,12 @@ std::string partner_of(const std::string& path, std::string_view ending) {
   return plain;
 }
 
-std::string_view next_line(std::string_view text, std::size_t& at) {
-  const auto end = text.find('\n', at);
-  auto line = text.substr(at, end == std::string_view::npos ? end : end - at);
-  at = end == std::string_view::npos ? text.size() : end + 1;
-  if (line.ends_with('\r')) line.remove_suffix(1);
-  return line;
-}
-
 std::vector<std::string> next_row(std::string_view text, std::size_t& at, std::size_t& line,
                                   char separator) {
   std::vector<std::string> cells{""};
   for (bool quoted = false; at < text.size();) {
-    const char c = text[at++];
+    char c = text[at++];
+    if (c == '\r' && text.substr(at, 1) != "\n") c = '\n';
     if (c == '\n') ++line;
     if (c == '"' && quoted && at < text.size() && text[at] == '"') {
       cells.back() += text[at++];
@@ -169,9 +162,9 @@ std::vector<std::string> next_row(std::string_view text, std::size_t& at, std::s
   return cells;
 }
 
-void TextHeader::list(std::string_view head, std::size_t at) {
-  while (at < head.size())
-    if (const auto name = trim(next_line(head, at)); !name.empty()) listed.emplace_back(name);
+void TextHeader::list(std::string_view lines) {
+  while (!lines.empty())
+    if (const auto name = trim(next_line(lines)); !name.empty()) listed.emplace_back(name);
 }
 
 const std::string* TextHeader::find(std::string_view field) const {

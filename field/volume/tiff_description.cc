@@ -234,8 +234,8 @@ bool looks_like_imagej(std::string_view text) { return text.starts_with("ImageJ=
 TiffDescription parse_imagej(std::string_view text, const TiffResolution& resolution) {
   TiffDescription d{.order = "CZT", .origin = "ImageJ"};
   std::map<std::string, std::string, std::less<>> entries;
-  for (std::size_t at = 0; at < text.size();) {
-    const auto line = next_line(text, at);
+  while (!text.empty()) {
+    const auto line = next_line(text);
     const auto equals = line.find('=');
     if (equals != std::string_view::npos)
       entries[lower_case(trim(line.substr(0, equals)))] = trim(line.substr(equals + 1));

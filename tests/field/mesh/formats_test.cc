@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <cctype>
+#include <chrono>
 #include <cmath>
 #include <cstdio>
 #include <cstring>
@@ -293,6 +294,20 @@ TEST_F(MeshFormats, GltfMaterials) {
   expect_other(bytes, Gltf());
 }
 
+TEST_F(MeshFormats, GltfThatOnlyGlowsIsShown) {
+  const Gltf plain;
+  Gltf glowing;
+  glowing.material() = {{"pbrMetallicRoughness", {{"baseColorFactor", {0, 0, 0, 1}}}},
+                        {"emissiveFactor", {1, 1, 1}},
+                        {"emissiveTexture", {{"index", 0}}}};
+  expect_same(glowing, plain);
+  EXPECT_THAT(read("a.glb", glowing.glb())->notes, ::testing::Contains(HasSubstr("only glow")));
+  Gltf both;
+  both.material()["emissiveFactor"] = {1, 0, 0};
+  expect_same(both, plain);
+  EXPECT_THAT(read("a.glb", both.glb())->notes, ::testing::Contains(HasSubstr("left out")));
+}
+
 TEST_F(MeshFormats, AlphaOfOpaqueMaterialsIsIgnored) {
   Gltf holes;
   const std::string png = picture(true);
@@ -469,7 +484,18 @@ TEST_F(MeshFormats, ObjMaterials) {
   same("\xEF\xBB\xBFnewmtl m\r\n\tKd 1\r\n\tmap_Kd with blank.png \r\n", plain);
   same("newmtl m\nmap_Kd -blendu on -bm 1 -mm 0 1 -type cube C:\\work\\tex.png\n", plain);
   same("newmtl other\nmap_Kd none.png\nnewmtl m\nmap_Kd tex.png\n", plain);  // `other` is not used
-  same("newmtl m\nTr 1\nmap_Kd tex.png\n", plain);  // of old MeshLab: opaque
+  same("newmtl m\nTr 1\nmap_Kd tex.png\n", plain);                   // of old MeshLab: opaque
+  same("newmtl m\nKd 0.00 0 0\nKa 0 0 0\nmap_Kd tex.png\n", plain);  // of Maya
+  same("newmtl m\nmap_Ka tex.png\n", plain);
+  same("newmtl m\nmap_Ka none.png\nmap_Kd tex.png\n", plain);
+  same("newmtl m\nmap_Kd TEX.PNG\n", plain);
+  same("newmtl m\nmap_Kd D:\\of\\others\\Sub\\tex\\T.png\n", plain);  // by its last folders
+  same("newmtl m\nKd 0 0 0\nKe 1 1 1\nmap_Ke tex.png\n", plain);
+  EXPECT_THAT(read_mesh(folder_ / "a.obj")->notes, ::testing::Contains(HasSubstr("only glow")));
+  same("newmtl m\nKd 1 1 1\nmap_Kd tex.png\nKe 1 0 0\n", plain);
+  EXPECT_THAT(read_mesh(folder_ / "a.obj")->notes, ::testing::Contains(HasSubstr("left out")));
+  same("newmtl m\nKe 0 0 0\nmap_Kd tex.png\n", plain);
+  EXPECT_THAT(read_mesh(folder_ / "a.obj")->notes, ::testing::IsEmpty());
   Gltf moved;
   // v' = 2 v + 0.5 upwards is 1 - v' downwards.
   moved.set("TEXCOORD_0",
@@ -505,6 +531,65 @@ TEST_F(MeshFormats, ObjColours) {
   EXPECT_EQ(mesh->colors.at(0), glm::u8vec4(255));
   EXPECT_EQ(mesh->colors.at(4), glm::u8vec4(255, 0, 0, 255));
   EXPECT_EQ(mesh->materials.at(0).color, glm::vec4(1));
+}
+
+TEST_F(MeshFormats, FacesThatTrHidesAreShown) {
+  write(folder_ / "m.mtl", "newmtl m\nTr 1\nnewmtl n\nKd 1 0 0\n");
+  const auto mesh = read("a.obj",
+                         "mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nusemtl m\nf 1 2 3\n"
+                         "usemtl n\nf 1 2 4\n");
+  ASSERT_TRUE(mesh) << mesh.error().message;
+  EXPECT_EQ(mesh->materials.at(0).color.a, 1);
+  EXPECT_THAT(mesh->notes, ::testing::ElementsAre(HasSubstr("'Tr 1' is taken for opaque")));
+}
+
+TEST_F(MeshFormats, ColoursMayRunTo255) {
+  const std::string faces = "f 1 2 3\n";
+  const auto whole = read("a.obj", "v 0 0 0 255 0 0\nv 1 0 0 0 51 0\nv 0 1 0 1 1 1\n" + faces);
+  ASSERT_TRUE(whole) << whole.error().message;
+  EXPECT_EQ(whole->colors.at(0), glm::u8vec4(255, 0, 0, 255));
+  EXPECT_EQ(whole->colors.at(1), glm::u8vec4(0, 51, 0, 255));
+  EXPECT_EQ(whole->colors.at(2), glm::u8vec4(1, 1, 1, 255));
+  const auto ply_of = [&](const std::string& type, const std::string& alpha,
+                          const std::string& numbers) {
+    const auto mesh =
+        read("a.ply",
+             "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"
+             "property float z\nproperty " +
+                 type + " red\nproperty " + type + " green\nproperty " + type + " blue\n" +
+                 (alpha.empty() ? "" : "property " + alpha + " alpha\n") +
+                 "element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0 " +
+                 numbers + "\n1 0 0 " + numbers + "\n0 1 0 " + numbers + "\n3 0 1 2\n");
+    EXPECT_TRUE(mesh) << mesh.error().message;
+    return mesh ? mesh->colors.at(0) : glm::u8vec4(0);
+  };
+  EXPECT_EQ(ply_of("float", "", "255 51 1"), glm::u8vec4(255, 51, 1, 255));
+  EXPECT_EQ(ply_of("float", "", "1 0.2 0"), glm::u8vec4(255, 51, 0, 255));
+  EXPECT_EQ(ply_of("double", "double", "255 51 1 102"), glm::u8vec4(255, 51, 1, 102));
+  EXPECT_EQ(ply_of("float", "uchar", "1 0.2 0 102"), glm::u8vec4(255, 51, 0, 102));
+  EXPECT_EQ(ply_of("uchar", "float", "255 51 1 0.4"), glm::u8vec4(255, 51, 1, 102));
+  EXPECT_EQ(ply_of("ushort", "", "65535 13107 257"), glm::u8vec4(255, 51, 1, 255));
+  EXPECT_EQ(ply_of("ushort", "", "255 51 1"), glm::u8vec4(255, 51, 1, 255));
+  EXPECT_EQ(ply_of("int", "", "255 51 1"), glm::u8vec4(255, 51, 1, 255));
+  EXPECT_EQ(ply_of("uchar", "", "1 1 0"), glm::u8vec4(1, 1, 0, 255));
+}
+
+// Normals of all corners are made from all others at the same place.
+TEST_F(MeshFormats, LargeFansTakeLinearTime) {
+  constexpr int kTriangles = 150000;
+  std::string text = "v 0 0 0\n";
+  for (int k = 0; k < kTriangles; ++k) {
+    const double angle = k * 2 * 3.14159265358979 / kTriangles;
+    text +=
+        "v " + std::to_string(std::cos(angle)) + ' ' + std::to_string(std::sin(angle)) + " 0.1\n";
+  }
+  for (int k = 0; k < kTriangles; ++k)
+    text += "f 1 " + std::to_string(k + 2) + ' ' + std::to_string((k + 1) % kTriangles + 2) + '\n';
+  const auto mesh = read("fan.obj", text);
+  ASSERT_TRUE(mesh) << mesh.error().message;
+  const auto begin = std::chrono::steady_clock::now();
+  EXPECT_TRUE(MeshScene::make(*mesh));
+  EXPECT_LT(std::chrono::steady_clock::now() - begin, std::chrono::seconds(60));
 }
 
 TEST_F(MeshFormats, FarCoordinatesKeepTheirDetail) {
@@ -588,6 +673,29 @@ TEST_F(MeshFormats, PlyFacesWithColoursAndCoordinates) {
                                  vertices + "3 0 1 2 6 0 0 1 0 1 1\n3 0 2 3 6 0.5 0.5 1 0.5 1 1\n"),
                 "b.glb", plain.glb());
   EXPECT_THAT(read_mesh(folder_ / "a.ply")->files, ::testing::Contains(folder_ / "tex.png"));
+  // The same in elements of their own, the second face first.
+  const std::string elements = std::string(kPlyVertices) +
+                               "element face 2\nproperty list uchar int vertex_indices\n"
+                               "element multi_texture_vertex 5\nproperty uchar tx\n"
+                               "property float u\nproperty float v\n"
+                               "element multi_texture_face 2\nproperty uchar tx\n"
+                               "property uint tn\n"
+                               "property list uchar int texture_vertex_indices\nend_header\n" +
+                               vertices + "3 0 1 2\n3 0 2 3\n" +
+                               "0 0 0\n0 1 0\n0 1 1\n0 0.5 0.5\n0 1 0.5\n";
+  expect_same(
+      "a.ply",
+      ply("ascii", "comment TextureFile tex.png\n" + elements + "0 1 3 3 4 2\n0 0 3 0 1 2\n"),
+      "b.glb", plain.glb());
+  for (const char* faces : {"0 2 3 0 1 2\n0 0 3 0 1 2\n", "0 0 3 0 1 5\n0 1 3 0 1 2\n"})
+    EXPECT_EQ(error("a.ply", ply("ascii", elements + faces)).code, ErrorCode::bad_file);
+  const auto unused =
+      read("a.ply", ply("ascii", "comment TextureFile tex.png\n" + std::string(kPlyVertices) +
+                                     "element face 1\nproperty list uchar int vertex_indices\n"
+                                     "end_header\n" +
+                                     vertices + "3 0 1 2\n"));
+  ASSERT_TRUE(unused) << unused.error().message;
+  EXPECT_THAT(unused->notes, ::testing::ElementsAre(HasSubstr("tex.png is not used")));
 }
 
 template <class T>
@@ -661,7 +769,8 @@ TEST_F(MeshFormats, StlOfAnyProgram) {
   for (const std::string& text :
        {"solid a\n" + facet + "endsolid a\n", "\n  solid part vertex\n" + facet + " endsolid\n",
         "solid a\n" + facet + "endsolid a\nsolid b\nendsolid b\n",
-        "SOLID A\r\n" + lower + "ENDSOLID A\r\n"}) {
+        "SOLID A\r\n" + lower + "ENDSOLID A\r\n", "solid a\n" + facet + "end solid a\n",
+        "\xEF\xBB\xBFsolid a\n" + facet + "endsolid a\n"}) {
     const auto mesh = read("a.stl", text);
     ASSERT_TRUE(mesh) << text << mesh.error().message;
     EXPECT_EQ(mesh->triangles.size(), 1u);
@@ -681,8 +790,11 @@ TEST_F(MeshFormats, StlOfAnyProgram) {
       EXPECT_TRUE(mesh->colors.empty());
     }
   EXPECT_EQ(read("a.stl", binary("x", 0xFC00, ""))->colors.at(0), glm::u8vec4(255, 0, 0, 255));
-  EXPECT_EQ(read("a.stl", binary("COLOR=\1\2\3\xFF", 0x801F, ""))->colors.at(0),
+  // Of Magics, bit 15 means the colour of the whole.
+  EXPECT_EQ(read("a.stl", binary("COLOR=\1\2\3\xFF", 0x001F, ""))->colors.at(0),
             glm::u8vec4(255, 0, 0, 255));
+  EXPECT_EQ(read("a.stl", binary("COLOR=\1\2\3\xFF", 0x801F, ""))->colors.at(0),
+            glm::u8vec4(1, 2, 3, 255));
   EXPECT_EQ(read("a.stl", binary("COLOR=\1\2\3\xFF", 0, ""))->colors.at(0),
             glm::u8vec4(1, 2, 3, 255));
 }

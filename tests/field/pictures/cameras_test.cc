@@ -160,6 +160,43 @@ TEST_F(Pictures, NamesMayHaveBackslashesAndAnotherCase) {
                                                      path("Images/back\\slash.png")));
 }
 
+// A set that was moved to another place.
+TEST_F(Pictures, AreFoundByTheirLastFolders) {
+  for (const char* before : {"/home/user/data/", "C:\\Users\\me\\data\\", "data/", "../x/"}) {
+    Json json = transforms();
+    const Json frame = json["frames"][0];
+    json["frames"].clear();
+    for (const char* name : {"0.png", "1.png"}) {
+      write_picture(std::string("images/") + name, 40, 30);
+      write_picture(std::string("other/") + name, 40, 30);
+      json["frames"].push_back(frame);
+      json["frames"].back()["file_path"] = std::string(before) + "images/" + name;
+    }
+    write("transforms.json", json);
+    const auto set = read_pictures(path("."));
+    ASSERT_TRUE(set) << set.error().message;
+    EXPECT_EQ(set->pictures.at(0).file, path("images/0.png"));
+    EXPECT_EQ(set->pictures.at(1).file, path("images/1.png"));
+    EXPECT_THAT(set->notes, ::testing::Contains(HasSubstr("2 files are not at the paths")));
+  }
+}
+
+TEST_F(Pictures, AnglesMayBeThoseOfInstantNgp) {
+  Json json = transforms();
+  json["frames"].push_back(json["frames"][0]);
+  write_picture("b.png", 40, 30);
+  json["frames"].back()["file_path"] = "b.png";
+  json["camera_angle_x"] = 90 * std::numbers::pi / 180;
+  write("a.json", json);
+  json.erase("camera_angle_x");
+  json["x_fov"] = 90;
+  write("b.json", json);
+  const auto a = read_pictures(path("a.json")), b = read_pictures(path("b.json"));
+  ASSERT_TRUE(a && b) << b.error().message;
+  EXPECT_DOUBLE_EQ(a->pictures.at(0).lens.fx, 20);
+  EXPECT_DOUBLE_EQ(b->pictures.at(0).lens.fx, 20);
+}
+
 TEST_F(Pictures, PicturesOfAnotherSizeScaleTheirCameras) {
   Json json = transforms();
   json["w"] = 80, json["h"] = 60, json["fl_x"] = 100, json["cx"] = 41;

@@ -71,6 +71,45 @@ TEST(LabelTable, FreeSurfersLabelsAreVisible) {
   EXPECT_EQ(twice->at(1).name, "b");
 }
 
+TEST(LabelTable, FurtherColumnsAreIgnored) {
+  const auto table = parse_label_table(
+      "#No. Label Name:  R   G   B   A\n0 Unknown 0 0 0 0\n17 Left-Hippocampus 220 216 20 0\n"
+      "819 Left-HypoThal-noMB  0  80   0 0 2\n843 x 178 255 80 0 2 text 1 2 3\n",
+      "a.txt");
+  ASSERT_TRUE(table) << table.error().message;
+  EXPECT_EQ(table->at(17), (LabelStyle{"Left-Hippocampus", glm::dvec3(220, 216, 20) / 255.0, 1}));
+  EXPECT_EQ(table->at(819), (LabelStyle{"Left-HypoThal-noMB", glm::dvec3(0, 80, 0) / 255.0, 1}));
+  EXPECT_EQ(table->at(843), (LabelStyle{"x", glm::dvec3(178, 255, 80) / 255.0, 1}));
+  // Names may end with numbers.
+  EXPECT_EQ(parse_label_table("7 Area 4 220 216 20 255\n", "a.txt")->at(7),
+            (LabelStyle{"Area 4", glm::dvec3(220, 216, 20) / 255.0, 1}));
+}
+
+TEST(LabelTable, ColoursMayRunTo1) {
+  for (const char* text : {"17 L 0.5 0.25 0 1.0\n819 Hypo 0 1 0 0.5\n",
+                           "17 0.5 0.25 0 1 1 1 \"L\"\n819 0 1 0 0.5 1 1 \"Hypo\"\n",
+                           "LabelValue,Name,Color_R,Color_G,Color_B,Color_A\n17,L,0.5,0.25,0,1\n"
+                           "819,Hypo,0,1,0,0.5\n"}) {
+    const auto table = parse_label_table(text, "a.txt");
+    ASSERT_TRUE(table) << table.error().message;
+    EXPECT_EQ(table->at(17), (LabelStyle{"L", glm::dvec3(0.5, 0.25, 0), 1}));
+    EXPECT_EQ(table->at(819), (LabelStyle{"Hypo", glm::dvec3(0, 1, 0), 0.5}));
+  }
+}
+
+TEST(LabelTable, LinesMayEndInAnyWay) {
+  for (const std::string text :
+       {std::string(kSnap), std::string(kSlicer),
+        std::string("LabelValue,Name,Color_R,Color_G,Color_B\n1,a,1,2,3\n2,b,4,5,6\n")})
+    for (const char* end : {"\r", "\r\n"}) {
+      std::string other;
+      for (const char c : text) other += c == '\n' ? std::string(end) : std::string(1, c);
+      const auto table = parse_label_table(other, "a.txt");
+      ASSERT_TRUE(table) << table.error().message;
+      EXPECT_EQ(*table, *parse_label_table(text, "a.txt"));
+    }
+}
+
 TEST(LabelTable, SlicersOpacityCountsWhereTheTableIsSlicers) {
   const std::string header = "# Color table file /home/FreeSurferColorLUT.ctbl\n# 3 values\n";
   const std::string rows = "0 (none) 0 0 0 0\n1 'left lung' 127.5 0 0 0\n2 2 0 255 0 51\n";
