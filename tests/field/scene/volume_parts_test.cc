@@ -98,7 +98,7 @@ TEST(LabelTable, ColoursMayRunTo1) {
 }
 
 TEST(LabelTable, LinesMayEndInAnyWay) {
-  for (const std::string text :
+  for (const std::string& text :
        {std::string(kSnap), std::string(kSlicer),
         std::string("LabelValue,Name,Color_R,Color_G,Color_B\n1,a,1,2,3\n2,b,4,5,6\n")})
     for (const char* end : {"\r", "\r\n"}) {
