@@ -10,6 +10,7 @@
 #include "base/join.h"
 #include "base/try.h"
 #include "field/scene/provenance.h"
+#include "field/volume/units.h"
 #include "slf/image.h"
 #include "slf/scene_description.h"
 
@@ -158,6 +159,17 @@ Result<Volume> read_structure(const SceneDescription& d, const std::string& path
   return read_once(path, options, kept);
 }
 
+/// A part of a volume in the volume's unit, if both state theirs.
+std::shared_ptr<const Volume> in_unit_of(const Volume& volume, std::shared_ptr<const Volume> part) {
+  const auto from = volume_io::micrometres(part->unit), to = volume_io::micrometres(volume.unit);
+  if (!from || !to || *from == *to) return part;
+  auto scaled = std::make_shared<Volume>(*part);
+  scaled->axes *= *from / *to;
+  scaled->origin *= *from / *to;
+  scaled->unit = volume.unit;
+  return scaled;
+}
+
 /// The volume that the description is of.
 Result<Volume> volume_of(const SceneDescription& d, Readings* kept) {
   if (d.volume) return *d.volume;
@@ -225,8 +237,10 @@ Result<std::unique_ptr<Scene>> volume_scene(const SceneDescription& d, Readings*
   if (!d.label_table.empty() && !volume.labels && !options.parts.labels)
     return fail_without("labels_volume", ErrorCode::usage, volume.source,
                         ": has no labels, which a table of labels needs");
-  for (const auto& part : {options.parts.labels, options.parts.mask}) {
-    if (!part) continue;
+  for (auto* const place : {&options.parts.labels, &options.parts.mask}) {
+    if (!*place) continue;
+    *place = in_unit_of(volume, *place);
+    const auto& part = *place;
     volume.files.insert(volume.files.end(), part->files.begin(), part->files.end());
     if (same_grid(*part, volume)) continue;
     note(d, concat(part->source, ": ", joined(part->dims, "x"), " voxels on another grid than ",

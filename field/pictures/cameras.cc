@@ -10,6 +10,7 @@
 #include "base/join.h"
 #include "base/try.h"
 #include "field/geometry/directions.h"
+#include "field/volume/formats.h"
 
 namespace slf {
 
@@ -27,6 +28,7 @@ std::vector<std::string> PictureSet::files() const {
 Result<PictureSet> read_cameras(const std::string& path) {
   const auto bytes = SLF_TRY(read_file(path, cameras::kMaxFileBytes));
   const std::string_view text = chars_of(bytes);
+  SLF_TRY(volume_io::refuse_known(path, text.substr(0, 4096)));
   const std::string folder = fs::path(path).parent_path().string();
   if (path.ends_with(".csv")) return cameras::parse_cinema(text, path, folder);
   return cameras::parse_transforms(text, path, folder);

@@ -18,6 +18,7 @@ enum Tag : DicomTag {
   kImageType = 0x00080008,
   kSopClass = 0x00080016,
   kSopInstance = 0x00080018,
+  kAcquisitionDateTime = 0x0008002a,
   kAcquisitionTime = 0x00080032,
   kContentTime = 0x00080033,
   kModality = 0x00080060,
@@ -61,6 +62,9 @@ enum Tag : DicomTag {
   kPixelRepresentation = 0x00280103,
   kRescaleIntercept = 0x00281052,
   kRescaleSlope = 0x00281053,
+  kModalityLut = 0x00283000,
+  kLutDescriptor = 0x00283002,
+  kLutData = 0x00283006,
   kPaletteDescriptor = 0x00281101,  // red; green and blue follow
   kPaletteData = 0x00281201,        // likewise
   kMatrixColumns = 0x00480006,
@@ -118,35 +122,55 @@ Result<void> read_encoding(const DicomFile& file, DicomSlice& slice) {
   return {};
 }
 
+/// Appends a channel to the slice's palette, as PS3.3 C.7.6.3.1.5 and C.11.1 have it.
+Result<void> read_table(const DicomLookup& file, DicomTag descriptor, DicomTag content,
+                        DicomPalette& palette, const DicomSlice& slice) {
+  const auto layout = file.integers(descriptor, 2);
+  if (layout.size() != 3 || layout[2] < 8 || layout[2] > 16)
+    return unsupported(slice.path,
+                       "a table of colours or values, but none of 8 to 16 bits: "
+                       "convert it to a file without one");
+  const std::size_t count = layout[0] == 0 ? 65536 : layout[0];
+  // Tables of 8 bits have one byte an entry, or, in old files, two.
+  const auto data = file.raw(content);
+  const bool bytes = layout[2] == 8 && data.size() < 2 * count;
+  if (data.size() < count * (bytes ? 1 : 2))
+    return bad_file(slice.path, "a table of ", count, " entries has ", data.size(),
+                    " bytes, or is stored in segments");
+  auto& values = palette.channels.emplace_back();
+  if (bytes)
+    for (const char c : data.substr(0, count)) values.push_back(static_cast<std::uint8_t>(c));
+  else
+    for (const auto v : file.integers(content, 2)) values.push_back(static_cast<std::uint16_t>(v));
+  values.resize(count);
+  if (values.size() != palette.channels.front().size())
+    return bad_file(slice.path, "palettes of ", palette.channels.front().size(), " and ",
+                    values.size(), " entries, expected equal ones");
+  const bool is_signed = slice.type == ScalarType::i8 || slice.type == ScalarType::i16;
+  palette.first = is_signed ? static_cast<std::int16_t>(layout[1]) : static_cast<int>(layout[1]);
+  palette.wide = layout[2] > 8;
+  return {};
+}
+
 Result<void> read_palette(const DicomLookup& file, DicomSlice& slice) {
   auto palette = std::make_shared<DicomPalette>();
-  for (DicomTag channel = 0; channel < 3; ++channel) {
-    const auto layout = file.integers(kPaletteDescriptor + channel, 2);
-    if (layout.size() != 3 || (layout[2] != 8 && layout[2] != 16))
-      return unsupported(slice.path,
-                         "palette colours, but no palette of 8 or 16 bits: convert it to RGB");
-    const std::size_t count = layout[0] == 0 ? 65536 : layout[0];
-    // Palettes of 8 bits have one byte an entry, or, in old files, two.
-    const auto data = file.raw(kPaletteData + channel);
-    const bool bytes = layout[2] == 8 && data.size() < 2 * count;
-    if (data.size() < count * (bytes ? 1 : 2))
-      return bad_file(slice.path, "a palette of ", count, " entries has ", data.size(),
-                      " bytes, or is stored in segments");
-    auto& values = palette->rgb[channel];
-    if (bytes)
-      for (const char c : data.substr(0, count)) values.push_back(static_cast<std::uint8_t>(c));
-    else
-      for (const auto v : file.integers(kPaletteData + channel, 2))
-        values.push_back(static_cast<std::uint16_t>(v));
-    values.resize(count);
-    const bool is_signed = slice.type == ScalarType::i8 || slice.type == ScalarType::i16;
-    palette->first = is_signed ? static_cast<std::int16_t>(layout[1]) : static_cast<int>(layout[1]);
-    palette->wide = layout[2] == 16;
-  }
-  const auto& rgb = palette->rgb;
-  if (rgb[0].size() != rgb[1].size() || rgb[0].size() != rgb[2].size())
-    return bad_file(slice.path, "palettes of ", rgb[0].size(), ", ", rgb[1].size(), " and ",
-                    rgb[2].size(), " entries, expected equal ones");
+  for (DicomTag channel = 0; channel < 3; ++channel)
+    SLF_TRY(
+        read_table(file, kPaletteDescriptor + channel, kPaletteData + channel, *palette, slice));
+  slice.palette = std::move(palette);
+  return {};
+}
+
+/// The Modality LUT gives the values of a grey picture; in X-ray projections it is for display.
+Result<void> read_values(const DicomFile& file, const DicomLookup& values, DicomSlice& slice) {
+  const auto& tables = file.data.items(kModalityLut);
+  if (tables.empty() || slice.samples != 1 || slice.palette ||
+      values.text(kSopClass).starts_with("1.2.840.10008.5.1.4.1.1.12.") || slice.modality == "XA" ||
+      slice.modality == "RF")
+    return {};
+  auto palette = std::make_shared<DicomPalette>();
+  const DicomLookup table(file.big_endian, {&tables.front()});
+  SLF_TRY(read_table(table, kLutDescriptor, kLutData, *palette, slice));
   slice.palette = std::move(palette);
   return {};
 }
@@ -283,6 +307,7 @@ void read_moments(const DicomLookup& values, const std::vector<bool>& other_dime
       if (candidate) return *candidate;
     return -std::numeric_limits<double>::infinity();
   };
+  const std::string date = values.text(kAcquisitionDateTime);
   slice.moments = {
       // as in kDicomMoments
       first({values.integer(kTemporalIndex), values.number(kTemporalPosition)}),
@@ -294,6 +319,7 @@ void read_moments(const DicomLookup& values, const std::vector<bool>& other_dime
       first({values.integer(kFrameAcquisitionNumber), values.number(kAcquisitionNumber)}),
       first({values.number(kFrameAcquisitionTime), values.number(kAcquisitionTime),
              values.number(kContentTime)}),
+      first({parse_number(date.substr(0, date.find_first_of("+-")))}),  // without the time zone
       first({values.number(kInstanceNumber)}),
       first({slice.frame})};
 }
@@ -369,8 +395,10 @@ Result<std::vector<DicomSlice>> read_picture(const DicomFile& file, const DicomL
         "a mosaic, whose one picture holds all slices: convert it, e.g. `dcm2niix FOLDER`");
   SLF_TRY(read_format(values, slice));
   SLF_TRY(read_encoding(file, slice));
+  SLF_TRY(read_values(file, values, slice));
   SLF_TRY(count_frames(file, values, slice));
   SLF_TRY(read_segments(file, values, slice));
+  if (slice.segmentation) slice.keep_indices();
   return split(file, slice);
 }
 
@@ -389,7 +417,15 @@ std::uint64_t DicomSlice::file_bytes() const {
   return bytes() * frames;
 }
 
-std::uint32_t DicomSlice::components() const { return color == DicomColor::palette ? 3 : samples; }
+std::uint32_t DicomSlice::components() const {
+  return palette ? static_cast<std::uint32_t>(palette->channels.size()) : samples;
+}
+
+void DicomSlice::keep_indices() {
+  if (color != DicomColor::palette) return;
+  color = DicomColor::grey;
+  palette.reset();
+}
 
 ScalarType DicomSlice::component_type() const {
   return !palette ? type : palette->wide ? ScalarType::u16 : ScalarType::u8;

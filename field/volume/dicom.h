@@ -23,11 +23,12 @@ namespace slf::volume_io {
 /// How the samples of a pixel are to be understood.
 enum class DicomColor : std::uint8_t { grey, rgb, ybr_full, ybr_full_422, palette };
 
-/// A table of colours for the values from `first` on.
+/// A table of colours, or of values, for the stored values from `first` on.
 struct DicomPalette {
   int first = 0;
-  bool wide = false;                              ///< 16 bits a channel, else 8
-  std::array<std::vector<std::uint16_t>, 3> rgb;  ///< of the same length, at least 1
+  bool wide = false;  ///< 16 bits a channel, else 8
+  /// Red, green and blue, or one of values; of the same length, at least 1.
+  std::vector<std::vector<std::uint16_t>> channels{};
 };
 
 /// What a segmentation (SEG) says of its frames.
@@ -38,13 +39,18 @@ struct DicomSegmentation {
 };
 
 /// What tells apart the slices at one place, in the order in which it does.
-inline constexpr std::array<std::string_view, 10> kDicomMoments = {
-    "TemporalPosition",  "TemporalPositionTimeOffset",
-    "EchoTime",          "DiffusionBValue",
-    "TriggerTime",       "FrameReferenceTime",
-    "AcquisitionNumber", "AcquisitionTime",
-    "InstanceNumber",    "frame"};
-inline constexpr std::size_t kInstanceMoment = 8;  // it and those behind it only number slices
+inline constexpr std::array<std::string_view, 11> kDicomMoments = {"TemporalPosition",
+                                                                   "TemporalPositionTimeOffset",
+                                                                   "EchoTime",
+                                                                   "DiffusionBValue",
+                                                                   "TriggerTime",
+                                                                   "FrameReferenceTime",
+                                                                   "AcquisitionNumber",
+                                                                   "AcquisitionTime",
+                                                                   "AcquisitionDateTime",
+                                                                   "InstanceNumber",
+                                                                   "frame"};
+inline constexpr std::size_t kInstanceMoment = 9;  // it and those behind it only number slices
 
 /// The position of a slice, and how its pixels are stored and scaled.
 struct DicomSlice {
@@ -89,6 +95,8 @@ struct DicomSlice {
   [[nodiscard]] std::uint64_t bytes() const;
   /// Bytes of the pixels of all frames of its file.
   [[nodiscard]] std::uint64_t file_bytes() const;
+  /// Reads the indices of a palette, not its colours.
+  void keep_indices();
   /// Numbers per pixel once read: a palette's indices become three.
   [[nodiscard]] std::uint32_t components() const;
   /// Their type.

@@ -80,10 +80,10 @@ void to_rgb(std::vector<std::byte>& pixels) {
   }
 }
 
-/// The colours that a palette gives to indices.
+/// The colours or values that a palette gives to indices.
 std::vector<std::byte> looked_up(const std::vector<std::byte>& indices, const DicomSlice& slice) {
   const DicomPalette& palette = *slice.palette;
-  const auto last = static_cast<std::int64_t>(palette.rgb[0].size()) - 1;
+  const auto last = static_cast<std::int64_t>(palette.channels[0].size()) - 1;
   Volume one;
   one.type = slice.type;
   one.voxels = indices;
@@ -92,7 +92,7 @@ std::vector<std::byte> looked_up(const std::vector<std::byte>& indices, const Di
     for (const auto index : voxels) {
       const auto entry = static_cast<std::size_t>(
           std::clamp<std::int64_t>(static_cast<std::int64_t>(index) - palette.first, 0, last));
-      for (const auto& channel : palette.rgb) {
+      for (const auto& channel : palette.channels) {
         const auto* from = reinterpret_cast<const std::byte*>(&channel[entry]);
         const std::uint8_t narrow = static_cast<std::uint8_t>(channel[entry]);
         if (palette.wide)
@@ -124,7 +124,7 @@ std::vector<std::byte> frame_of(const DicomSlice& slice, std::span<const std::by
   if (!slice.compressed && (slice.swapped > 1) == (std::endian::native == std::endian::little))
     swap_bytes(pixels, slice.swapped > 1 ? slice.swapped : bytes_per_voxel(slice.type));
   keep_stored_bits(pixels, slice);
-  if (slice.color == DicomColor::palette) return looked_up(pixels, slice);
+  if (slice.palette) return looked_up(pixels, slice);
   if (slice.color == DicomColor::ybr_full_422 && !slice.compressed)
     pixels = with_full_chroma(pixels, count);
   else if (slice.planar)

@@ -7,6 +7,7 @@
 
 #include "base/try.h"
 #include "field/volume/dicom.h"
+#include "field/volume/formats.h"
 #include "field/volume/io.h"
 
 namespace slf::volume_io {
@@ -253,12 +254,13 @@ Result<Volume> read_dicom_folder(const std::string& path, const VolumeOptions& o
   return read_chosen(path, scan, options.series, options);
 }
 
-Result<Volume> read_dicom_file(const std::string& path, std::string_view,
+Result<Volume> read_dicom_file(const std::string& path, std::string_view head,
                                const VolumeOptions& options) {
   const auto slices = SLF_TRY(read_dicom_slices(path));
   const bool is_directory =
       slices.empty() && lower_case(std::filesystem::path(path).filename().string()) == "dicomdir";
   if (options.series || is_directory) return read_dicom_folder(folder_of(path), options);
+  if (slices.empty()) SLF_TRY(refuse_known(path, head));
   if (slices.empty())
     return bad_file(path,
                     "a DICOM file without a picture (a directory or a report); give the folder "

@@ -231,7 +231,10 @@ Result<Volume> read_dicom_stack(const std::string& source, const DicomStack& sta
     volume.notes.push_back(
         concat("time point ", time, " of ", sorted.time_count(), ": ", sorted.times[time]));
   std::vector<DicomSlice> slices;
-  for (const auto& place : sorted.places) slices.push_back(place[time]);
+  for (const auto& place : sorted.places) {
+    slices.push_back(place[time]);
+    if (options.labels) slices.back().keep_indices();
+  }
   const DicomSlice& first = slices.front();
 
   // Files of labels may leave out empty planes.

@@ -63,6 +63,10 @@ constexpr auto kAsOmeTiff = "convert it, `bfconvert IN OUT.ome.tiff` (Bio-Format
 constexpr auto kOnePicture =
     "a volume is a stack of pictures: give the folder that holds them all, as PNG, JPEG or TIFF"sv;
 constexpr auto kFilm = "save its frames as PNGs in a folder, `ffmpeg -i IN FOLDER/%04d.png`"sv;
+constexpr auto kOtherMesh = "convert it to PLY, OBJ or glTF, e.g. with MeshLab or Blender"sv;
+constexpr auto kSolid = "convert it to STL or glTF, e.g. with FreeCAD"sv;
+constexpr auto kRig =
+    "export its cameras for COLMAP or as transforms.json (nerfstudio's ns-process-data)"sv;
 constexpr auto kMesh = "a mesh has surfaces and no voxels; give the volume that it was made from"sv;
 constexpr auto kArchive = "unpack it, and give the file or the folder in it"sv;
 struct Magic {
@@ -101,13 +105,23 @@ constexpr Magic kMagics[] = {
      "an OLE compound file (such as Olympus OIB or Zeiss ZVI)", kAsOmeTiff},
     {0, "\0\0\0\3\0\0\0"sv, "a Gatan DM3 file", "save it as MRC or TIFF"},
     {0, "\0\0\0\4\0\0\0\0"sv, "a Gatan DM4 file", "save it as MRC or TIFF"},
-    {0, "\xff\xff\xfe", "a FreeSurfer surface", kMesh},
+    {0, "\xff\xff\xfe", "a FreeSurfer surface", "convert it, `mris_convert IN OUT.stl`"},
     {0, "glTF", "a glTF scene", kMesh},
     {0, "ply\n", "a PLY mesh", kMesh},
     {0, "ply\r", "a PLY mesh", kMesh},
     {0, "solid ", "an STL mesh", kMesh},
-    {0, "Kaydara FBX", "an FBX scene", kMesh},
-    {0, "BLENDER", "a Blender file", kMesh},
+    {0, "Kaydara FBX", "an FBX scene", kOtherMesh},
+    {0, "; FBX", "an FBX scene", kOtherMesh},
+    {0, "BLENDER", "a Blender file", "export it as glTF in Blender"},
+    {0, "#VRML", "a VRML scene", kOtherMesh},
+    {0, "PXR-USDC", "a USD scene", kOtherMesh},
+    {0, "#usda", "a USD scene", kOtherMesh},
+    {0, "xof 0", "a DirectX mesh", kOtherMesh},
+    {0, "OCTM", "an OpenCTM mesh", kOtherMesh},
+    {0, "DRACO", "a Draco mesh", kOtherMesh},
+    {0, "Ogawa", "an Alembic scene", kOtherMesh},
+    {0, "ISO-10303-21", "a STEP model", kSolid},
+    {0, "# Bundle file", "a file of cameras of Bundler", kRig},
     {0, "GIF8", "a GIF picture", kOnePicture},
     {8, "WEBP", "a WebP picture", kOnePicture},
     {0, "\x76\x2f\x31\x01", "an OpenEXR picture", kOnePicture},
@@ -132,6 +146,7 @@ constexpr Magic kMagics[] = {
 };
 
 /// By their beginning in small letters, without blanks, by what it holds, and by the file's name.
+/// Only names tell some apart, such as archives.
 struct Text {
   std::string_view begins, holds, ending;
   Known known;
@@ -143,10 +158,45 @@ constexpr Text kTexts[] = {
     {"<!doctype html", "", "", {"a web page", kPage}},
     {"<html", "", "", {"a web page", kPage}},
     {"type", "-attribute", "", {"an AFNI header", "convert it to NIfTI, `3dAFNItoNIFTI IN`"}},
-    {"<", "<gifti", "", {"a GIFTI surface", kMesh}},
+    {"<", "<gifti", "", {"a GIFTI surface", "convert it to STL, `mris_convert IN OUT.stl`"}},
+    {"<", "<collada", "", {"a COLLADA scene", kOtherMesh}},
+    {"<", "<x3d", "", {"an X3D scene", kOtherMesh}},
+    {"<", "<amf", "", {"an AMF model", kOtherMesh}},
+    {"pk\3\4", "", ".3mf", {"a 3MF model", kOtherMesh}},
+    {"pk\3\4", "", ".amf", {"an AMF model", kOtherMesh}},
+    {"pk\3\4", "", ".usdz", {"a USD scene", kOtherMesh}},
+    {"off", "", ".off", {"an OFF mesh", kOtherMesh}},
+    {"", "off", ".off", {"an OFF mesh", kOtherMesh}},
+    {"", "", ".igs", {"an IGES model", kSolid}},
+    {"", "", ".iges", {"an IGES model", kSolid}},
+    {"", "", ".3ds", {"a 3DS scene", kOtherMesh}},
+    {"", "", ".splat", {"Gaussian splats", "they have no surface; make a mesh of the pictures"}},
+    {"", "", ".ksplat", {"Gaussian splats", "they have no surface; make a mesh of the pictures"}},
+    {"", "", ".spz", {"Gaussian splats", "they have no surface; make a mesh of the pictures"}},
+    {"{", "\"sfm_data_version\"", "", {"a file of cameras of OpenMVG", kRig}},
+    {"{", "\"featuresfolders\"", "", {"a file of cameras of Meshroom", kRig}},
+    {"{", "\"poseid\"", "", {"a file of cameras of Meshroom", kRig}},
+    {"{", "", ".sfm", {"a file of cameras of Meshroom", kRig}},
+    {"<", "<document", "", {"a file of cameras of Metashape", kRig}},
+    {"<", "xcr:", "", {"a camera of RealityCapture", kRig}},
+    {"#name,x,y,", "", "", {"a file of cameras of RealityCapture", kRig}},
     {"<", "<mrml", "", {"a scene of 3D Slicer", "save the volume in it, as NRRD"}},
     {"{", "\"asset\"", ".gltf", {"a glTF scene", kMesh}},
     {"{", "\"frames\"", "", {"a file of cameras", kCameras}},
+    // SOP classes of DICOM, whose files have no pictures.
+    {"",
+     "1.2.840.10008.5.1.4.1.1.481.3\0"sv,
+     "",
+     {"a DICOM RT structure set",
+      "make labels of it, `plastimatch convert --input IN --output-labelmap OUT.nrrd`"}},
+    {"",
+     "1.2.840.10008.5.1.4.1.1.481.5\0"sv,
+     "",
+     {"a DICOM RT plan", "give the folder of the images or of the dose that it is for"}},
+    {"",
+     "1.2.840.10008.5.1.4.1.1.66.5"sv,
+     "",
+     {"a DICOM surface segmentation", "convert its surfaces to STL, e.g. with 3D Slicer"}},
     {"<?xml", "", "", {"an XML document of an unknown kind", "give the volume itself"}}};
 
 bool has_ending(const std::string& file, std::initializer_list<std::string_view> endings) {
@@ -221,6 +271,12 @@ tl::unexpected<Error> refusal(const std::string& path, const Known& known) {
 }
 
 }  // namespace
+
+Result<void> refuse_known(const std::string& path, std::string_view head) {
+  const auto known = known_format(path, head);
+  if (known && known->way != kCameras) return refusal(path, *known);
+  return {};
+}
 
 tl::unexpected<Error> refuse_file(const std::string& path, std::string_view head) {
   if (looks_like_png(head) || looks_like_jpeg(head))

@@ -94,15 +94,19 @@ void swap_bytes(std::span<std::byte> values, std::size_t bytes_per_value) {
                  values.begin() + static_cast<std::ptrdiff_t>(at + bytes_per_value));
 }
 
-void widen_half_floats(Volume& volume) {
-  std::vector<std::byte> floats(volume.voxels.size() * 2);
+std::vector<std::byte> floats_of_halves(std::span<const std::byte> halves) {
+  std::vector<std::byte> floats(halves.size() * 2);
   for (std::size_t k = 0; 4 * k < floats.size(); ++k) {
     std::uint16_t bits = 0;
-    std::memcpy(&bits, &volume.voxels[2 * k], sizeof bits);
+    std::memcpy(&bits, &halves[2 * k], sizeof bits);
     const float value = half_to_float(bits);
     std::memcpy(&floats[4 * k], &value, sizeof value);
   }
-  volume.voxels = std::move(floats);
+  return floats;
+}
+
+void widen_half_floats(Volume& volume) {
+  volume.voxels = floats_of_halves(volume.voxels);
   volume.type = ScalarType::f32;
 }
 

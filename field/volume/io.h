@@ -131,6 +131,8 @@ inline constexpr const char* kNoSpacing = "it states no spacing: voxels are take
 /// Reverses the byte order of values in place.
 void swap_bytes(std::span<std::byte> values, std::size_t bytes_per_value);
 
+/// Floats of half floats, both in native byte order.
+[[nodiscard]] std::vector<std::byte> floats_of_halves(std::span<const std::byte> halves);
 /// Makes f32 of half floats that were read as u16.
 void widen_half_floats(Volume& volume);
 

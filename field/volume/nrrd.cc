@@ -137,10 +137,25 @@ Result<std::vector<Axis>> parse_axes(const TextHeader& header) {
   return axes;
 }
 
+/// Whether 3D Slicer wrote it as a sequence or a MultiVolume, whose list is one of time points.
+bool is_sequence(std::string_view head) {
+  while (!head.empty()) {
+    const std::string line = lower_case(trim(next_line(head)));
+    if (line.empty()) break;  // voxels follow
+    if (line.starts_with("multivolume.") ||
+        (line.starts_with("labels:") && line.find("\"frame\"") != line.npos) ||
+        (line.starts_with("axis ") && line.find(" index ") != line.npos))
+      return true;
+  }
+  return false;
+}
+
 /// Gives each axis its role by its kind or, without one, by its place among the others: three are
 /// of space, and at most one each of components and time. Drops axes of extent 1 beyond three,
 /// those that are not of space first. `directed`: the header has directions, which other axes lack.
-Result<void> assign_roles(const std::string& path, bool directed, std::vector<Axis>& axes) {
+/// `sequence`: lists are of time points.
+Result<void> assign_roles(const std::string& path, bool directed, bool sequence,
+                          std::vector<Axis>& axes) {
   const auto is_other = [&](const Axis& a) {
     return is_range(a) || a.kind == "time" || (directed && !a.direction);
   };
@@ -156,7 +171,8 @@ Result<void> assign_roles(const std::string& path, bool directed, std::vector<Ax
     if (!is_other(axis) && !(last && unnamed)) continue;
     // Lists and axes without a kind are components before those of space, times after them.
     const bool open = !is_range(axis) || axis.kind == "list";
-    axis.role = axis.kind == "time" || (open && last) ? Role::time : Role::component;
+    const bool time = axis.kind == "time" || (sequence && axis.kind == "list");
+    axis.role = time || (open && last) ? Role::time : Role::component;
   }
   const auto count = [&](Role role) { return std::ranges::count(axes, role, &Axis::role); };
   if (count(Role::space) == 3 && count(Role::component) <= 1 && count(Role::time) <= 1) return {};
@@ -406,7 +422,7 @@ Result<Volume> read_nrrd(const std::string& path, std::string_view head,
   const auto all_axes = SLF_TRY(parse_axes(header));
   auto axes = all_axes;
   const bool directed = header.find("spacedirections") != nullptr;
-  SLF_TRY(assign_roles(path, directed, axes));
+  SLF_TRY(assign_roles(path, directed, is_sequence(head), axes));
   VoxelData data;
   SLF_TRY(choose_in_axes(path, axes, options, data));
   std::erase_if(axes, [](const Axis& axis) { return axis.role != Role::space; });

@@ -112,7 +112,7 @@ bool looks_like_png(std::string_view head) { return head.starts_with("\x89PNG\r\
 Result<std::uint64_t> append_png(const std::string& path, const VolumeOptions& options,
                                  std::optional<SliceKind>& kind, std::vector<std::byte>& voxels) {
   Reader reader;
-  SLF_TRY(begin_png(path, false, reader));
+  SLF_TRY(begin_png(path, options.labels, reader));
   SLF_TRY(same_kind(path, reader.kind, kind));
   const auto taker = SLF_TRY(ComponentSelector::make(path, *kind, options));
   SLF_TRY(finish_png(path, reader));

@@ -26,10 +26,11 @@ Result<SliceKind> kind_of(const TiffFile& file) {
   const auto bits = file.tag<std::uint16_t>(TIFFTAG_BITSPERSAMPLE, 1);
   const auto format = file.tag<std::uint16_t>(TIFFTAG_SAMPLEFORMAT, SAMPLEFORMAT_UINT);
   const char letter = format == SAMPLEFORMAT_IEEEFP ? 'f' : format == SAMPLEFORMAT_INT ? 'i' : 'u';
-  const auto type = parse_scalar_type(letter + std::to_string(bits));
+  const bool half = letter == 'f' && bits == 16, bit = letter == 'u' && bits == 1;
+  const auto type = parse_scalar_type(half ? "f32" : bit ? "u8" : letter + std::to_string(bits));
   if (!type || (letter == 'u' && format != SAMPLEFORMAT_UINT && format != SAMPLEFORMAT_VOID))
     return unsupported(file.path, "samples of ", bits, " bits, format ", format,
-                       ", expected 8, 16, 32 or 64 bits");
+                       ", expected 1, 8, 16, 32 or 64 bits");
   kind.type = *type;
   std::uint16_t extra = 0;
   std::uint16_t* meanings = nullptr;
@@ -39,9 +40,26 @@ Result<SliceKind> kind_of(const TiffFile& file) {
   return kind;
 }
 
-/// Calls `take` with the rows of a plane of this page. A pixel has this number of samples.
+/// Calls `take` with the rows of a plane of this page. A pixel has this number of samples. Half
+/// floats become floats, and bits bytes.
 Result<void> read_rows(TiffFile& file, const SliceKind& kind, std::uint32_t samples,
                        std::uint32_t plane, const image_formats::TakeRows& take) {
+  const auto bits = file.tag<std::uint16_t>(TIFFTAG_BITSPERSAMPLE, 1);
+  if (bits == 1) {
+    const std::uint32_t values = kind.width * samples, row = (values + 7) / 8;
+    return image_formats::read_rows(
+        file, {row, kind.height, 1}, plane, [&](std::span<const std::byte> rows) {
+          std::vector<std::byte> bytes;
+          for (; rows.size() >= row; rows = rows.subspan(row))
+            for (std::uint32_t x = 0; x < values; ++x)
+              bytes.push_back((rows[x / 8] >> (7 - x % 8)) & std::byte{1});
+          return take(bytes);
+        });
+  }
+  if (bits == 16 && kind.type == ScalarType::f32)
+    return image_formats::read_rows(
+        file, {kind.width, kind.height, std::uint64_t{2} * samples}, plane,
+        [&](std::span<const std::byte> rows) { return take(floats_of_halves(rows)); });
   const std::uint64_t pixel = samples * std::uint64_t{bytes_per_voxel(kind.type)};
   return image_formats::read_rows(file, {kind.width, kind.height, pixel}, plane, take);
 }
@@ -311,11 +329,17 @@ Result<Volume> read_tiff(const std::string& path, std::string_view, const Volume
   if (stack.first > 0)
     volume.notes.emplace_back("its first page is smaller than all others: left out as a thumbnail");
   if (d.z == 0) d.z = stack.pages;
-  // Many stacks along z are saved as times.
-  if (d.z == 1 && d.times > 1 && !options.time) {
-    std::swap(d.z, d.times);
-    for (char& axis : d.order) axis = axis == 'Z' ? 'T' : axis == 'T' ? 'Z' : axis;
-    volume.notes.emplace_back("its " + d.origin + " metadata call its slices time points");
+  // Many stacks along z are saved as times, or as more channels than there are colours.
+  constexpr std::uint64_t kMaxColors = 4;
+  const bool as_times = d.z == 1 && d.times > 1 && !options.time;
+  const bool as_channels =
+      d.z == 1 && d.times == 1 && d.channels > kMaxColors && !options.component;
+  if (as_times || as_channels) {
+    const char other = as_times ? 'T' : 'C';
+    std::swap(d.z, as_times ? d.times : d.channels);
+    for (char& axis : d.order) axis = axis == 'Z' ? other : axis == other ? 'Z' : axis;
+    volume.notes.push_back("its " + d.origin + " metadata call its slices " +
+                           (as_times ? "time points" : "channels"));
   }
   const bool counted = has_counted_pages(stack);
   const bool raw_stack = !counted && stack.pages == 1 && d.origin == "ImageJ";

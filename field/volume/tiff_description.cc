@@ -1,12 +1,14 @@
 #include "field/volume/tiff_description.h"
 
 #include <algorithm>
+#include <cctype>
 #include <cmath>
 #include <nlohmann/json.hpp>
 
 #include "base/try.h"
 #include "field/image/tiff_file.h"
 #include "field/volume/io.h"
+#include "field/volume/units.h"
 #include "field/volume/xml.h"
 
 namespace slf::volume_io {
@@ -14,17 +16,6 @@ namespace slf::volume_io {
 namespace {
 
 constexpr std::uint64_t kMaxCount = 1 << 24;  // slices, channels, times, or pages
-
-double micrometres(std::string_view unit) {
-  const std::string text = lower_case(trim(unit));
-  if (text == "nm") return 1e-3;
-  if (text == "mm") return 1e3;
-  if (text == "cm") return 1e4;
-  if (text == "m") return 1e6;
-  if (text == "inch" || text == "in") return 25400;
-  if (text == "\xc3\x85" || text == "angstrom") return 1e-4;
-  return 1;  // µm in its many spellings, pixels
-}
 
 /// Collects the descriptions of the images in OME's metadata.
 class OmeReader {
@@ -148,12 +139,19 @@ class OmeReader {
     d.channels /= components_;
     if (const std::string order = attribute(a, "DimensionOrder"); order.size() == 5)
       d.order = order.substr(2);
+    // Without a unit, sizes are in micrometres; with one that is no length, as the pixel, in none.
+    glm::dvec3 units(1);
     for (int i = 0; i < 3; ++i) {
       const std::string key = std::string("PhysicalSize") + "XYZ"[i];
       const auto value = parse_number(attribute(a, key.c_str()));
-      if (value && *value > 0 && std::isfinite(*value))
-        d.spacing[i] = *value * micrometres(attribute(a, (key + "Unit").c_str()));
+      if (!value || !(*value > 0) || !std::isfinite(*value)) continue;
+      d.spacing[i] = *value;
+      const auto unit = a.attribute((key + "Unit").c_str());
+      const auto length = unit ? micrometres(unit.value()) : 1;
+      d.has_unit = d.has_unit && length;
+      units[i] = length.value_or(1);
     }
+    if (d.has_unit) d.spacing *= units;
   }
 
   /// Without a page, the element means all pictures; with one, a single picture.
@@ -262,13 +260,21 @@ TiffDescription parse_imagej(std::string_view text, const TiffResolution& resolu
     else
       unit = "inch";
   }
-  d.has_unit = !unit.empty() && !lower_case(unit).starts_with("pixel");
+  const auto length = micrometres(unit);
+  d.has_unit = length.has_value();
   for (int i = 0; i < 2; ++i)
     if (const float per_unit = pixels[static_cast<std::size_t>(i)]; per_unit > 0)
-      d.spacing[i] = micrometres(unit) / per_unit;
+      d.spacing[i] = length.value_or(1) / per_unit;
   if (const auto z = parse_number(entries.contains("spacing") ? entries["spacing"] : "");
       z && *z != 0 && std::isfinite(*z))
-    d.spacing.z = std::abs(*z) * micrometres(unit);
+    d.spacing.z = std::abs(*z) * length.value_or(1);
+  // The order in which other programs stored the pictures, as "zct" or "xyzct".
+  std::string order = entries.contains("order") ? entries["order"] : "";
+  if (order.size() >= 3) {
+    for (char& axis : order = order.substr(order.size() - 3))
+      axis = static_cast<char>(std::toupper(static_cast<unsigned char>(axis)));
+    if (std::is_permutation(order.begin(), order.end(), d.order.begin())) d.order = order;
+  }
   // One pixel per nothing is what writers put where they know no resolution.
   if (!d.has_unit && d.spacing == glm::dvec3(1, 1, 0)) d.spacing = glm::dvec3(0);
   return d;

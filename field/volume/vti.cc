@@ -191,9 +191,10 @@ Result<Volume> read_vti(const std::string& path, std::string_view, const VolumeO
   const auto d = SLF_TRY(read_vti_document(path, options.array));
   Volume volume{.source = path};
   if (d.type != "ImageData" && d.type != "PImageData")
-    return unsupported(
-        path, "a VTK file of ", in_quotes(d.type), ", expected ImageData: ",
-        d.type == "Collection" ? "give one of the files that it lists" : "resample it to an image");
+    return unsupported(path, "a VTK file of ", in_quotes(d.type), ", expected ImageData: ",
+                       d.type == "Collection" ? "give one of the files that it lists"
+                       : d.type == "PolyData" ? "convert it to PLY, e.g. with ParaView"
+                                              : "resample it to an image");
   if (!d.array.found && options.array && !d.names.empty())
     return misuse(path, "no array ", in_quotes(*options.array), "; there are ", list(d.names));
   if (!d.array.found || d.pieces.empty()) return bad_file(path, "it holds no array of data");

@@ -257,6 +257,25 @@ std::vector<Bits> views_of(const Scene& scene) {
   return seen;
 }
 
+TEST(MakeScene, PartsHaveTheUnitOfTheVolume) {
+  SceneDescription d = description();
+  auto volume = std::make_shared<Volume>(*d.volume);
+  auto labels = std::make_shared<Volume>(*slabs().volume);
+  volume->unit = labels->unit = "\u00b5m";
+  d.volume = volume;
+  d.labels_volume.volume = labels;
+  const auto same = make_scene(d);
+  ASSERT_TRUE(same) << same.error().message;
+  auto other = std::make_shared<Volume>(*labels);
+  other->unit = "mm";
+  other->axes *= 1e-3;
+  other->origin *= 1e-3;
+  d.labels_volume.volume = other;
+  const auto scaled = make_scene(d);
+  ASSERT_TRUE(scaled) << scaled.error().message;
+  EXPECT_EQ(views_of(**scaled), views_of(**same));
+}
+
 TEST(StateScenes, AreThoseThatAreMadeAlone) {
   for (const ScalarType type : {ScalarType::u8, ScalarType::i32, ScalarType::f32}) {
     SceneDescription d = description();

@@ -181,6 +181,21 @@ TEST_F(Pictures, AreFoundByTheirLastFolders) {
   }
 }
 
+TEST_F(Pictures, CamerasOfOtherProgramsAreNamed) {
+  for (const auto& [file, text, program] : std::vector<std::array<std::string, 3>>{
+           {"sfm_data.json", "{\"sfm_data_version\": \"0.3\", \"views\": []}", "OpenMVG"},
+           {"cameras.json", "{\"version\": [\"1\"], \"featuresFolders\": []}", "Meshroom"},
+           {"cameras.xml", "<?xml version=\"1.0\"?>\n<document version=\"1.5.0\">", "Metashape"},
+           {"bundle.out", "# Bundle file v0.3\n2 0\n", "Bundler"},
+           {"cameras.csv", "#name,x,y,alt,heading,pitch,roll\n", "RealityCapture"}}) {
+    write(file, text);
+    const auto set = read_pictures(path(file));
+    ASSERT_FALSE(set);
+    EXPECT_EQ(set.error().code, ErrorCode::unsupported) << file;
+    EXPECT_THAT(set.error().message, AllOf(HasSubstr(program), HasSubstr("COLMAP")));
+  }
+}
+
 TEST_F(Pictures, AnglesMayBeThoseOfInstantNgp) {
   Json json = transforms();
   json["frames"].push_back(json["frames"][0]);

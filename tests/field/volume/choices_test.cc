@@ -128,6 +128,25 @@ TEST(VolumeChoices, NrrdAxesOfComponentsAndTimesMayBeAnywhere) {
                "one of space between them", {.component = 1, .time = 1});
 }
 
+// As 3D Slicer writes sequences and MultiVolumes: the list runs fastest.
+TEST(VolumeChoices, ListsOfSequencesAreTimes) {
+  const Folder folder;
+  const std::string header =
+      "type: uint8\ndimension: 4\nspace: left-posterior-superior\nsizes: 2 2 2 2\n"
+      "space directions: none (1,0,0) (0,1,0) (0,0,1)\nkinds: list domain domain domain\n"
+      "encoding: raw\n";
+  std::string data;
+  for (int k = 0; k < 16; ++k) data += static_cast<char>(k);
+  for (const char* sign : {"MultiVolume.NumberOfFrames:=2\n", "axis 0 index type:=numeric\n",
+                           "labels: \"frame\" \"\" \"\" \"\"\n"}) {
+    const auto path = folder.write("a.nrrd", nrrd(header + sign, data));
+    EXPECT_EQ(value_at(expect_read(path, {.time = 1}), 1, 0, 0), 3) << sign;
+    expect_error(path, ErrorCode::unsupported, "2 time points");
+  }
+  const auto path = folder.write("a.nrrd", nrrd(header, data));
+  EXPECT_EQ(value_at(expect_read(path, {.component = 1}), 1, 0, 0), 3);
+}
+
 TEST(VolumeChoices, LargeRunsOfComponents) {
   const Folder folder;
   // A row of components is longer than what is read at once.

@@ -2,6 +2,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <cstring>
+
 #include "slf/transfer.h"
 #include "tests/field/volume/dicom_samples.h"
 
@@ -108,12 +110,44 @@ TEST(DicomColors, PalettesAreLookedUp) {
       folder.write(std::to_string(k), write_dicom(slice));
     }
     expect_error(folder.path(), ErrorCode::unsupported, "3 components");
+    EXPECT_EQ(value_at(expect_read(folder.path(), {.labels = true}), 3, 2, 1), kPixelCount + 1);
     const auto volume = expect_read(folder.path(), {.component = 2});
     EXPECT_EQ(volume.type, bits == 8 ? ScalarType::u8 : ScalarType::u16);
     const double scale = bits == 8 ? 1 : 1000;
     EXPECT_EQ(value_at(volume, 0, 0, 0), 12 * scale);  // index 2 is below the first entry
     EXPECT_EQ(value_at(volume, 2, 0, 1), 22 * scale);
     EXPECT_EQ(value_at(volume, 3, 2, 1), 42 * scale);  // above the last
+  }
+}
+
+TEST(DicomValues, ModalityTablesGiveValues) {
+  for (const char* sop : {"1.2.840.10008.5.1.4.1.1.1", "1.2.840.10008.5.1.4.1.1.12.1"}) {
+    const Folder folder;
+    for (const int k : {0, 1}) {
+      auto slice = small_slice(k);
+      set_bits(slice, 8);
+      slice[0x00080016] = text("UI", sop);
+      std::string indices;
+      for (std::size_t n = 0; n < kPixelCount; ++n) indices += static_cast<char>(n);
+      slice[kPixels] = bytes(indices);
+      std::string table;
+      for (const int value : {700, 900, 1200, 3000}) {
+        table += static_cast<char>(value & 255);
+        table += static_cast<char>(value >> 8);
+      }
+      slice[0x00283000] = sequence({{{0x00283002, us({4, 2, 16})}, {0x00283006, {"OW", table}}}});
+      folder.write(std::to_string(k), write_dicom(slice));
+    }
+    const auto volume = expect_read(folder.path());
+    const bool display = std::string(sop).ends_with("12.1");  // of X-ray angiography
+    EXPECT_EQ(volume.type, display ? ScalarType::u8 : ScalarType::u16);
+    const std::vector<int> values{700, 700, 700, 900, 1200, 3000, 3000};
+    for (std::uint32_t n = 0; n < values.size() && !display; ++n) {
+      const auto& v = volume.bytes();
+      std::uint16_t value = 0;
+      std::memcpy(&value, v.data() + std::size_t{2} * n, 2);
+      EXPECT_EQ(value, values[n]) << n;
+    }
   }
 }
 

@@ -301,6 +301,9 @@ TEST(DicomTimes, ClassicSeriesByWhatTheFilesSay) {
       {0x00181060, {decimals({0}), decimals({55}), decimals({120.5})}},
       {0x00541300, {decimals({500}), decimals({1500}), decimals({11000})}},
       {0x00200012, {text("IS", "1"), text("IS", "2"), text("IS", "10")}},
+      {0x0008002a,
+       {text("DT", "20200101235959.5+0100"), text("DT", "20200102000000+0100"),
+        text("DT", "20200102000001.25")}},
       {0x00080032, {text("TM", "095959.5"), text("TM", "100000"), text("TM", "100001.25")}}};
   for (const auto& [tag, values] : kinds) {
     SCOPED_TRACE(tag);

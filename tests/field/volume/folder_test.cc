@@ -46,6 +46,32 @@ TEST(VolumeFolder, PngsAreStackedInTheOrderOfTheirNumbers) {
   expect_error(folder.path("slice 9.png"), ErrorCode::unsupported, "give the folder");
 }
 
+TEST(VolumeFolder, PalettesAreIdsOfLabels) {
+  const Folder folder;
+  for (const std::uint32_t k : {0, 1, 2}) {
+    std::FILE* file = std::fopen(folder.path(std::to_string(k) + ".png").c_str(), "wb");
+    png_structp png = png_create_write_struct(PNG_LIBPNG_VER_STRING, nullptr, nullptr, nullptr);
+    png_infop info = png_create_info_struct(png);
+    png_init_io(png, file);
+    png_set_IHDR(png, info, kDims[0], kDims[1], 8, PNG_COLOR_TYPE_PALETTE, PNG_INTERLACE_NONE,
+                 PNG_COMPRESSION_TYPE_DEFAULT, PNG_FILTER_TYPE_DEFAULT);
+    std::vector<png_color> palette(256, png_color{9, 7, 5});
+    png_set_PLTE(png, info, palette.data(), 256);
+    png_write_info(png, info);
+    for (std::uint32_t j = 0; j < kDims[1]; ++j) {
+      std::vector<png_byte> row;
+      for (std::uint32_t i = 0; i < kDims[0]; ++i)
+        row.push_back(static_cast<png_byte>(phantom_value(i, j, k)));
+      png_write_row(png, row.data());
+    }
+    png_write_end(png, nullptr);
+    png_destroy_write_struct(&png, &info);
+    std::fclose(file);
+  }
+  expect_phantom(expect_read(folder.path(), {.labels = true}), ScalarType::u8);
+  expect_error(folder.path(), ErrorCode::unsupported, "3 components");
+}
+
 TEST(VolumeFolder, ColorsAndOddOnesOut) {
   const Folder grey, colored, mixed, both;
   for (const std::uint32_t k : {0, 1, 2}) {

@@ -369,6 +369,114 @@ TEST(VolumeTiff, OmeSaysSpacingAndOrder) {
                ErrorCode::bad_file, "entities");
 }
 
+TEST(VolumeTiff, OmeSizesMayHaveAnyUnit) {
+  const Folder folder;
+  const auto spacing = [&](const std::string& unit, const std::string& z) {
+    const std::string ome =
+        "<OME><Image><Pixels DimensionOrder=\"XYZCT\" SizeZ=\"3\" SizeC=\"1\" SizeT=\"1\" "
+        "PhysicalSizeX=\"1\" PhysicalSizeY=\"1\" PhysicalSizeZ=\"" +
+        z + "\" PhysicalSizeZUnit=\"" + unit + "\"/></Image></OME>";
+    return expect_read(write_tiff(folder, "a.tif", {.description = ome}));
+  };
+  for (const auto& [unit, z] :
+       std::vector<std::pair<std::string, std::string>>{{"Ym", "2e-30"},
+                                                        {"Mm", "2e-12"},
+                                                        {"km", "2e-9"},
+                                                        {"dam", "2e-7"},
+                                                        {"m", "2e-6"},
+                                                        {"mm", "2e-3"},
+                                                        {"\u00b5m", "2"},
+                                                        {"\u03bcm", "2"},
+                                                        {"nm", "2e3"},
+                                                        {"pm", "2e6"},
+                                                        {"am", "2e12"},
+                                                        {"\u00c5", "2e4"},
+                                                        {"in", "7.874015748031496e-05"},
+                                                        {"thou", "0.07874015748031496"},
+                                                        {"ft", "6.561679790026247e-06"},
+                                                        {"mi", "1.2427423844746679e-09"},
+                                                        {"pt", "0.005669291338582677"},
+                                                        {"ua", "1.3369174e-17"}}) {
+    const auto volume = spacing(unit, z);
+    EXPECT_NEAR(volume.spacing().z, 2, 1e-6) << unit;
+    EXPECT_EQ(volume.unit, "\u00b5m") << unit;
+  }
+  for (const char* unit : {"pixel", "reference frame", "no unit"}) {
+    const auto volume = spacing(unit, "2");
+    EXPECT_EQ(volume.spacing().z, 2);
+    EXPECT_EQ(volume.unit, "") << unit;
+  }
+}
+
+TEST(VolumeTiff, SlicesMayBeCalledChannels) {
+  const Folder folder;
+  const Tiff six{.pages = {0, 1, 2, 0, 1, 2}};
+  for (const char* text :
+       {"ImageJ=1.11a\nimages=6\nchannels=6\nhyperstack=true\n",
+        "<OME><Image><Pixels DimensionOrder=\"XYCZT\" SizeZ=\"1\" SizeC=\"6\" "
+        "SizeT=\"1\"/></Image></OME>"}) {
+    Tiff t = six;
+    t.description = text;
+    const auto path = write_tiff(folder, "a.tif", t);
+    const auto volume = expect_read(path);
+    EXPECT_EQ(volume.dims[2], 6u);
+    EXPECT_EQ(value_at(volume, 1, 2, 5), phantom_value(1, 2, 2));
+    EXPECT_THAT(volume.notes, ::testing::Contains(HasSubstr("call its slices channels")));
+    expect_error(path, ErrorCode::unsupported, "a single slice", {.component = 1});
+  }
+  // So few may be colours.
+  expect_error(write_tiff(folder, "a.tif", {.description = "ImageJ=1\nimages=3\nchannels=3\n"}),
+               ErrorCode::unsupported, "a single slice");
+}
+
+TEST(VolumeTiff, ImageJMayStoreSlicesFirst) {
+  const Folder folder;
+  for (const char* order : {"zct", "xyzct"}) {
+    const auto path = write_tiff(
+        folder, "a.tif",
+        {.description = "ImageJ=1.52\nimages=6\nchannels=2\nslices=3\nhyperstack=true\norder=" +
+                        std::string(order) + "\n",
+         .pages = {0, 1, 2, 2, 2, 2}});
+    expect_phantom(expect_read(path, {.component = 0}), ScalarType::u8);
+    EXPECT_EQ(value_at(expect_read(path, {.component = 1}), 1, 1, 0), phantom_value(1, 1, 2));
+  }
+}
+
+/// Three pages of 11x4 samples of so few bits, the rows as stored.
+std::string write_pages(const Folder& folder, int bits, int format, const std::string& row) {
+  const std::string path = folder.path("few.tif");
+  TIFF* tiff = TIFFOpen(path.c_str(), "w");
+  for (int page = 0; page < 3; ++page) {
+    TIFFSetField(tiff, TIFFTAG_IMAGEWIDTH, 11);
+    TIFFSetField(tiff, TIFFTAG_IMAGELENGTH, 4);
+    TIFFSetField(tiff, TIFFTAG_BITSPERSAMPLE, bits);
+    TIFFSetField(tiff, TIFFTAG_SAMPLEFORMAT, format);
+    TIFFSetField(tiff, TIFFTAG_SAMPLESPERPIXEL, 1);
+    TIFFSetField(tiff, TIFFTAG_PHOTOMETRIC, PHOTOMETRIC_MINISBLACK);
+    TIFFSetField(tiff, TIFFTAG_ROWSPERSTRIP, 3);
+    for (std::uint32_t y = 0; y < 4; ++y) {
+      std::string bytes = row;
+      TIFFWriteScanline(tiff, bytes.data(), y, 0);
+    }
+    TIFFWriteDirectory(tiff);
+  }
+  TIFFClose(tiff);
+  return path;
+}
+
+TEST(VolumeTiff, SamplesMayBeBitsOrHalfFloats) {
+  const Folder folder;
+  const auto bits = expect_read(write_pages(folder, 1, SAMPLEFORMAT_UINT, "\xA5\x20"));
+  EXPECT_EQ(bits.type, ScalarType::u8);
+  for (std::uint32_t x = 0; x < 11; ++x)
+    EXPECT_EQ(value_at(bits, x, 3, 2), std::string("10100101001")[x] - '0') << x;
+  std::string row;
+  for (int x = 0; x < 11; ++x) row += std::string("\x00\x3E", 2);  // 1.5
+  const auto halves = expect_read(write_pages(folder, 16, SAMPLEFORMAT_IEEEFP, row));
+  EXPECT_EQ(halves.type, ScalarType::f32);
+  EXPECT_EQ(value_at(halves, 10, 3, 2), 1.5);
+}
+
 TEST(VolumeTiff, OmeMayHoldSeveralImages) {
   const Folder folder;
   const auto image = [](const std::string& name, const std::string& more) {
