@@ -28,7 +28,7 @@ constexpr std::size_t kPreamble = 132;
 constexpr int kMaxNesting = 32;
 
 /// The sequences whose items are kept. Implicit files do not say which elements are sequences.
-constexpr std::array<DicomTag, 21> kSequences = {
+constexpr std::array<DicomTag, 22> kSequences = {
     0x00189076,  // DiffusionGradientDirectionSequence
     0x00189114,  // MREchoSequence
     0x00189117,  // MRDiffusionSequence
@@ -43,6 +43,7 @@ constexpr std::array<DicomTag, 21> kSequences = {
     0x0020930e,  // PlanePositionVolumeSequence
     0x0020930f,  // PlaneOrientationVolumeSequence
     0x00209310,  // TemporalPositionSequence
+    0x00283000,  // ModalityLUTSequence
     0x00289110,  // PixelMeasuresSequence
     0x00289145,  // PixelValueTransformationSequence
     0x00540022,  // DetectorInformationSequence
