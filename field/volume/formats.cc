@@ -188,7 +188,7 @@ constexpr Text kTexts[] = {
      "1.2.840.10008.5.1.4.1.1.481.3\0"sv,
      "",
      {"a DICOM RT structure set",
-      "make labels of it, `plastimatch convert --input IN --output-labelmap OUT.nrrd`"}},
+      "make a volume of labels of it, e.g. with plastimatch or 3D Slicer"}},
     {"",
      "1.2.840.10008.5.1.4.1.1.481.5\0"sv,
      "",
