@@ -20,6 +20,7 @@ struct BuildArguments {
 
 Result<void> run_build(const BuildArguments& arguments) {
   BuildOptions options = arguments.build;
+  bound_freed_memory(options.memory);
   const auto shard = SLF_TRY(arguments.shard.options());
   options.shard = shard;
   const std::string output = name_of_part(arguments.output, shard);
@@ -115,6 +116,7 @@ void add_build(CLI::App& app, Run& run) {
   // followed by the name of a hidden option, which is empty.
   auto* former = command->add_option("--entry-depth", shape.entry_extra_levels)->group("");
   a->shard.add_to(*command);
+  add_bytes(*command, "--memory", a->build.memory, "Budget for tiles and records under way");
   add_threads(*command, a->build.threads);
   add_number(*command, "--commit-every", a->build.commit_seconds,
              "Seconds between commits; killing the build loses at most this much work",

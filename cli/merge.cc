@@ -19,7 +19,7 @@ Result<void> run_merge(const MergeArguments& a) {
       merge_fields(a.parts, a.output, a.merge, progress_bar("merge", "tiles", OnSignal::stop));
   if (!report && report.error().choice && std::string_view(report.error().choice) == "part")
     return with_hint(report.error(), "build them, or let the output be a part with --part");
-  if (!report) return tl::unexpected(report.error());
+  if (!report) return hinted(Result<void>(tl::unexpected(report.error())));
   if (a.json)
     print_json({{"parts", a.parts.size()},
                 {"tiles", report->tiles},

@@ -93,7 +93,7 @@ Result<void> run_repack(const RepackArguments& a) {
   if (a.output.empty()) return fail(ErrorCode::usage, "--output is required, or --dry-run");
   if (a.split) return split(a, states, options);
   const auto bar = progress_bar("repack", "tiles", OnSignal::stop);
-  const auto report = SLF_TRY(join_states(states, a.output, options, bar));
+  const auto report = SLF_TRY(hinted(join_states(states, a.output, options, bar)));
   if (a.json)
     print_json({{"tiles", report.tiles},
                 {"copied", report.copied},
@@ -138,6 +138,7 @@ void print_report(const std::string& path, const VerifyReport& report) {
 }
 
 Result<void> run_verify(const VerifyArguments& a) {
+  bound_freed_memory(a.verify.memory);
   const auto bar = progress_bar("verify", "tiles", OnSignal::end);
   const auto report = SLF_TRY([&]() -> Result<VerifyReport> {
     if (!is_address(a.field)) return verify_field(a.field, a.verify, bar);
@@ -217,6 +218,7 @@ Exit code 0 when all is good or only tiles are missing, 3 when something is dama
   add_file(*command, "FIELD", a->field, "Field to check", kFieldFile)->required();
   command->add_flag("--quick", a->verify.quick, "Structure and counts only");
   command->add_flag("--fix", a->verify.fix, "Drop damaged tiles, so that build can refill them");
+  add_bytes(*command, "--memory", a->verify.memory, "Budget for tiles and records under way");
   add_threads(*command, a->verify.threads);
   command->add_flag("--json", a->json, "JSON on stdout");
 }

@@ -1,6 +1,7 @@
 #include "slf/build.h"
 
 #include <algorithm>
+#include <array>
 #include <chrono>
 #include <filesystem>
 #include <memory>
@@ -24,6 +25,7 @@
 #include "field/write/same_tiles.h"
 #include "field/write/shard_plan.h"
 #include "field/write/tile_tracer.h"
+#include "field/write/write_budget.h"
 
 namespace slf {
 namespace {
@@ -37,7 +39,6 @@ constexpr std::size_t kTrainingTries = 256;
 /// file is open, LMDB reuses no page that later commits free, about four each. Opening it anew
 /// empties the cache of references.
 constexpr std::uint64_t kCommitsPerReader = 4;
-constexpr std::uint64_t kCoarserBytes = 32ull << 20;  // for decoded tiles that others need
 
 /// Traces up to `wanted` tiles of the finest level, spread over it, that are not empty. Asks at
 /// least once whether to go on.
@@ -192,10 +193,10 @@ class WrittenTiles {
   std::optional<TileReader> tiles_;
 };
 
-/// Null: none.
-std::optional<TileReader> tiles_of(std::shared_ptr<const FieldFile> file) {
+/// Null: none. `memory`: of decoded tiles.
+std::optional<TileReader> tiles_of(std::shared_ptr<const FieldFile> file, std::uint64_t memory) {
   if (!file) return std::nullopt;
-  return TileReader(Field::of(std::move(file)), {.memory = kCoarserBytes});
+  return TileReader(Field::of(std::move(file)), {.memory = memory});
 }
 
 /// The checked inputs of a build.
@@ -204,7 +205,7 @@ struct BuildJob {
   const codec::Codec& codec;
   const MissingTiles& missing;
   TileOrder order;
-  unsigned threads;
+  const WriteBudget budget;
   SameTiles& same;
   const std::optional<TileReader> coarser;  ///< if another file has the coarser levels
   const bool reads_own_file;                ///< to predict tiles
@@ -243,7 +244,7 @@ struct BuildJob {
     const auto read = [&] { return own->field().file().store().transaction(); };
     if (!reads_own_file || (own && writer.transaction() < read() + kCommitsPerReader)) return {};
     auto opened = SLF_TRY(FieldFile::whole(writer.file()));
-    written.set(tiles_of(std::move(opened)));
+    written.set(tiles_of(std::move(opened), budget.cache));
     return {};
   }
 };
@@ -271,7 +272,7 @@ Result<void> write_missing(BuildJob& job, std::uint64_t begin, std::uint64_t end
     }
     return go_on;
   };
-  return make_in_order(end - begin, job.threads, 4 * job.threads, new_maker, put);
+  return make_in_order(end - begin, job.budget.threads, job.budget.window, new_maker, put);
 }
 
 /// Makes all missing tiles. If tiles are predicted, goes level by level and state by state, because
@@ -363,6 +364,8 @@ Result<BuildReport> build(TileSource source, Manifest manifest, const std::strin
   inputs.push_back(options.shard.coarser);
   const auto output =
       SLF_TRY(FieldOutput::at(path, options.replace ? Existing::replace : Existing::keep, inputs));
+  const auto budget = SLF_TRY(
+      WriteBudget::divide(options.memory, manifest.shape, thread_count(options.threads), path));
   const TileOrder order(manifest.shape);
   ShardOptions shard = options.shard;
   const auto coarser = SLF_TRY(open_coarser(manifest, shard));
@@ -409,6 +412,7 @@ Result<BuildReport> build(TileSource source, Manifest manifest, const std::strin
       SLF_TRY(!earlier ? FieldWriter::create(output, draft, manifest, codec->tables(), light)
               : earlier->in_place ? FieldWriter::edit(path, earlier->transaction)
                                   : FieldWriter::resume(output, earlier->transaction));
+  writer.set_pending_limit(budget.pending);
   if (earlier && !light.empty()) SLF_TRY(writer.put_light(light));
 
   SameTiles same(tracer, order, plan.tiles, manifest.shape.states);
@@ -416,9 +420,9 @@ Result<BuildReport> build(TileSource source, Manifest manifest, const std::strin
                *codec,
                missing,
                order,
-               thread_count(options.threads),
+               budget,
                same,
-               tiles_of(coarser),
+               tiles_of(coarser, budget.cache),
                predicts(manifest) && (!coarser || manifest.shape.states > 1)};
   auto written = write_levels(job, writer, path, options, reporter);
   // What was written in place ends with an index even so.
@@ -505,11 +509,33 @@ Result<std::shared_ptr<const FieldFile>> whole_of(std::span<const StateSource> s
   return whole->manifest().to_json() == manifest.to_json() ? whole : nullptr;
 }
 
+/// The decoded tiles of the states that are read. They are read one after the other, so two caches
+/// are enough: the threads that are ahead may have begun the next state.
+class StateTiles {
+ public:
+  StateTiles(std::span<const StateSource> states, std::uint64_t memory)
+      : states_(states), memory_(memory) {}
+
+  [[nodiscard]] std::shared_ptr<TileCache> of(std::size_t state) {
+    const FieldFile& field = states_[state].field.file();
+    const std::lock_guard lock(mutex_);
+    auto& cache = caches_[state % caches_.size()];
+    if (!cache || &cache->field() != &field)
+      cache = std::make_shared<TileCache>(field, memory_ / 12 / caches_.size());
+    return cache;
+  }
+
+ private:
+  const std::span<const StateSource> states_;
+  const std::uint64_t memory_;
+  std::mutex mutex_;
+  std::array<std::shared_ptr<TileCache>, 2> caches_;
+};
+
 Result<RepackReport> join(std::span<const StateSource> states, const std::string& path,
                           const RepackOptions& options, const ProgressCallback& progress) {
   if (states.empty()) return misuse(path, "no state to copy");
   TileSource source;
-  std::vector<std::unique_ptr<TileCache>> caches;
   std::vector<std::pair<std::string, OwnedJson>> provenances;
   for (const StateSource& state : states) {
     SLF_TRY(check_not_composed(state.field));
@@ -519,13 +545,12 @@ Result<RepackReport> join(std::span<const StateSource> states, const std::string
       return misuse(field.path(), "has another sphere, lattice or format than ", first.path());
     if (field.manifest().part)
       return misuse(field.path(), "is a part of a field; merge the parts first");
-    caches.push_back(std::make_unique<TileCache>(
-        field, options.memory / 3 / std::min<std::size_t>(8, states.size())));
     source.inputs.push_back(field.path());
     provenances.emplace_back(state.name, field.manifest().provenance_of(field.state()));
   }
   SLF_TRY(check_names(provenances));
-  auto planned = SLF_TRY(plan_repack(*caches[0], options));
+  StateTiles inputs(states, options.memory);
+  auto planned = SLF_TRY(plan_repack(*inputs.of(0), options));
   const FieldFile& first = states[0].field.file();
   Manifest manifest = first.manifest();
   manifest.shape = planned.shape;
@@ -537,16 +562,18 @@ Result<RepackReport> join(std::span<const StateSource> states, const std::string
   source.light = SLF_TRY(kept_light(first, options));
   source.codec = std::move(planned.codec);
   source.read = [&](TileKey key, TracedTile& tile) -> Result<void> {
-    TileCache& cache = *caches[state_of(key)];
+    const auto cache = inputs.of(state_of(key));
     const TileKey own = in_state(key, 0);
     tile.key = key;
-    const auto found = SLF_TRY(cache.field().store().find(own));
+    const FieldFile& field = cache->field();
+    const auto found = SLF_TRY(field.store().find(own));
     if (found.state == TileState::missing)
-      return fail(ErrorCode::tile_missing, cache.field().place(own), " is missing; build it first");
+      return fail(ErrorCode::tile_missing, field.place(own), " is missing; build it first");
     tile.empty = found.state == TileState::empty;
-    return tile.empty ? Result<void>() : convert_samples(cache, planned, own, tile.samples);
+    return tile.empty ? Result<void>() : convert_samples(*cache, planned, own, tile.samples);
   };
   BuildOptions build_options;
+  build_options.memory = options.memory;
   build_options.threads = options.threads;
   build_options.replace = options.replace;
   const auto built =

@@ -5,6 +5,7 @@
 #include "base/try.h"
 #include "field/write/field_writer.h"
 #include "field/write/merge_plan.h"
+#include "field/write/write_budget.h"
 
 namespace slf {
 namespace {
@@ -13,6 +14,9 @@ using storage::TileRef;
 using storage::TileState;
 
 constexpr std::uint64_t kBatch = 128;  // tiles that a thread takes at a time
+
+/// Of a tile in the map, at most.
+std::uint64_t mapped_bytes(const FieldShape& shape) { return shape.max_tile_samples() * 8 + 4096; }
 
 /// Copies the tiles of a plan to a writer. Threads check the tiles in the map; the writer then
 /// copies them from the map into the pages that it writes.
@@ -30,7 +34,7 @@ class Merger {
     const std::uint64_t share = options.memory / 3;
     writer.set_pending_limit(share);
     mapped_limit_ = share / 2;
-    const std::uint64_t tile_cost = plan.manifest.shape.max_tile_samples() * 8 + 4096;
+    const std::uint64_t tile_cost = mapped_bytes(plan.manifest.shape);
     batch_ = std::clamp<std::uint64_t>(share / tile_cost / 4, 1, kBatch);
     const std::uint64_t batches = std::max<std::uint64_t>(1, share / (batch_ * tile_cost));
     threads_ =
@@ -117,6 +121,7 @@ Result<MergeReport> merge_fields(const std::vector<std::string>& parts, const st
   const auto output =
       SLF_TRY(FieldOutput::at(path, options.replace ? Existing::replace : Existing::keep, parts));
   const auto plan = SLF_TRY(plan_merge(parts, options.part));
+  SLF_TRY(check_memory(options.memory, 3 * mapped_bytes(plan.manifest.shape), path));
   Progress begin;
   for (const MergeSegment& segment : plan.segments) begin.total += segment.tiles.count();
   Reporter reporter(progress, begin, "merge interrupted; nothing was written");

@@ -13,6 +13,7 @@
 #include "field/write/encode_tile.h"
 #include "field/write/field_writer.h"
 #include "field/write/repack_plan.h"
+#include "field/write/write_budget.h"
 
 namespace slf {
 namespace {
@@ -67,8 +68,7 @@ void advise(const FieldFile& field, const TileOrder& order, const TileSelection&
 class Repacker {
  public:
   Repacker(TileCache& tiles, const RepackPlan& plan, const TileOrder& order, TileSelection all,
-           const RepackOptions& options, FieldWriter& writer, Reporter& progress,
-           RepackReport& report)
+           const WriteBudget& budget, FieldWriter& writer, Reporter& progress, RepackReport& report)
       : field_(tiles.field()),
         tiles_(tiles),
         plan_(plan),
@@ -76,20 +76,11 @@ class Repacker {
         progress_(progress),
         report_(report),
         order_(order),
-        all_(std::move(all)) {
+        all_(std::move(all)),
+        predicts_(codec::is_predictive(plan.codec->spec()) && !plan.copy),
+        budget_(budget) {
     report.missing = order.count() - all_.count();
-    // A third of the budget is for tiles in progress, each at most decoded twice and encoded once;
-    // a third for records that wait for their commit; a third for LMDB's copies of their pages. A
-    // quarter of the first third is for decoded tiles of the input, one for those of the output
-    // that others are predicted from.
-    predicts_ = codec::is_predictive(plan.codec->spec()) && !plan.copy;
-    const std::uint64_t share = options.memory / 3;
-    writer.set_pending_limit(share);
-    const std::uint64_t under_way = share / 2;
-    const std::uint64_t tile_cost = plan.shape.max_tile_samples() * 24 + 4096;
-    threads_ = static_cast<unsigned>(
-        std::clamp<std::uint64_t>(under_way / tile_cost, 1, thread_count(options.threads)));
-    window_ = std::clamp<std::uint64_t>(under_way / tile_cost, 1, 8 * threads_);
+    writer.set_pending_limit(budget.pending);
   }
 
   Result<void> write() {
@@ -117,8 +108,8 @@ class Repacker {
         return recode(tiles_, coarser, plan_, key(begin + k), samples);
       };
     };
-    advise(field_, order_, all_, begin, begin + window_ + 2 * kAdvised);
-    return make_in_order(end - begin, threads_, window_, new_maker,
+    advise(field_, order_, all_, begin, begin + budget_.window + 2 * kAdvised);
+    return make_in_order(end - begin, budget_.threads, budget_.window, new_maker,
                          [&](std::uint64_t k, RecodedTile tile) -> Result<void> {
                            SLF_TRY(put(key(begin + k), std::move(tile)));
                            if ((k + 1) % kAdvised == 0) advise_next(begin + k + 1);
@@ -129,7 +120,8 @@ class Repacker {
   /// Tile `k` is written next.
   void advise_next(std::uint64_t k) {
     field_.store().release_all();  // pages that were read stay in the kernel's cache
-    advise(field_, order_, all_, k + window_ + kAdvised, k + window_ + 2 * kAdvised);
+    k += budget_.window + kAdvised;
+    advise(field_, order_, all_, k, k + kAdvised);
   }
 
   Result<void> put(TileKey key, RecodedTile tile) {
@@ -151,9 +143,8 @@ class Repacker {
   RepackReport& report_;
   const TileOrder& order_;
   const TileSelection all_;  // that the input has records of
-  bool predicts_ = false;
-  unsigned threads_ = 1;
-  std::size_t window_ = 1;
+  const bool predicts_;
+  const WriteBudget budget_;
 };
 
 }  // namespace
@@ -162,7 +153,9 @@ Result<RepackReport> repack_file(const FieldFile& field, const std::string& path
                                  const RepackOptions& options, const ProgressCallback& progress) {
   const auto output = SLF_TRY(FieldOutput::at(
       path, options.replace ? Existing::replace : Existing::keep, std::span(&field.path(), 1)));
-  TileCache tiles(field, options.memory / 12);
+  const auto budget = SLF_TRY(WriteBudget::divide(options.memory, field.shape(),
+                                                  thread_count(options.threads), field.path()));
+  TileCache tiles(field, budget.cache);
   const auto plan = SLF_TRY(plan_repack(tiles, options));
   Manifest manifest = field.manifest();
   if (plan.shape.states == 1)
@@ -181,7 +174,7 @@ Result<RepackReport> repack_file(const FieldFile& field, const std::string& path
                                             plan.codec->tables(), light));
 
   RepackReport report;
-  Repacker repacker(tiles, plan, order, std::move(all), options, writer, reporter, report);
+  Repacker repacker(tiles, plan, order, std::move(all), budget, writer, reporter, report);
   SLF_TRY(repacker.write());
   report.file_bytes = file_size(output.target).value_or(0);
   return report;

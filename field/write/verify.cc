@@ -19,7 +19,6 @@ using storage::TileState;
 
 constexpr std::size_t kMaxFindings = 1000;
 constexpr std::size_t kCheckedTogether = 256;
-constexpr std::uint64_t kMemory = 32ull << 20;  // for decoded tiles
 
 class Verifier {
  public:
@@ -93,7 +92,7 @@ class Verifier {
       work.total += field.shape().tiles(level);
     Reporter reporter(progress_, work, field.path() + ": verify interrupted");
     report_.complete = true;
-    TileCache tiles(field, kMemory);
+    TileCache tiles(field, options_.memory / 8);
     std::vector<std::uint64_t> found(field.shape().levels + 1);
     std::vector<TileRef> batch;
     Result<void> checked;
@@ -208,6 +207,7 @@ class Verifier {
                      [](const Finding& finding) { return finding.kind == FindingKind::structure; });
     if ((repairs_.empty() && !drop_light_) || !sound) return {};
     auto writer = SLF_TRY(FieldWriter::edit(path, transaction_));
+    writer.set_pending_limit(options_.memory / 3);
     for (const TileKey repair : repairs_) {
       auto ok = writer.drop(repair);
       if (!ok && ok.error().code != ErrorCode::usage && ok.error().code != ErrorCode::bad_file)

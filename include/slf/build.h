@@ -1,8 +1,8 @@
 // Builds a field from a scene: every tile of every level, in key order, on all cores.
 //
-// Memory is bounded by a few tiles per thread, whatever the field's size. The build may be killed
-// at any instant: the same call resumes it. Tile content depends only on the scene and the
-// settings, never on the number of threads or on where a build was interrupted.
+// Memory stays within a budget, beside that of the scene, whatever the field's size. The build may
+// be killed at any instant: the same call resumes it. Tile content depends only on the scene and
+// the settings, never on the number of threads or on where a build was interrupted.
 #pragma once
 
 #include <cstdint>
@@ -37,12 +37,13 @@ struct ShardOptions {
 struct BuildOptions {
   FieldShape shape;  ///< a sphere of radius 0: bounds_of() the states
   std::string codec = "predictive:90";
-  bool depth = true;          ///< depths beside the colours; predictive codecs need them
-  bool half = false;          ///< colour as half floats, which jpeg cannot hold
-  unsigned threads = 0;       ///< 0: all
-  double commit_seconds = 5;  ///< between commits: the most work that a kill can lose
-  bool replace = false;       ///< replace a file at the output's path, once all is built
-  ShardOptions shard;         ///< by default, all tiles
+  bool depth = true;                    ///< depths beside the colours; predictive codecs need them
+  bool half = false;                    ///< colour as half floats, which jpeg cannot hold
+  std::uint64_t memory = 256ull << 20;  ///< bytes of tiles in progress and records not yet written
+  unsigned threads = 0;                 ///< 0: all
+  double commit_seconds = 5;            ///< between commits: the most work that a kill can lose
+  bool replace = false;                 ///< replace a file at the output's path, once all is built
+  ShardOptions shard;                   ///< by default, all tiles
 };
 
 struct BuildReport {

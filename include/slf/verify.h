@@ -33,9 +33,10 @@ struct Finding {
 };
 
 struct VerifyOptions {
-  bool quick = false;    ///< check structure and counts only: no payload is read
-  bool fix = false;      ///< drop records with R1, tiles with K1, T1, T2, and light with L1
-  unsigned threads = 0;  ///< 0: all
+  bool quick = false;  ///< check structure and counts only: no payload is read
+  bool fix = false;    ///< drop records with R1, tiles with K1, T1, T2, and light with L1
+  std::uint64_t memory = 256ull << 20;  ///< bytes of decoded tiles and records under way
+  unsigned threads = 0;                 ///< 0: all
 };
 
 struct VerifyReport {

@@ -24,7 +24,10 @@ namespace slf::storage::internal {
 class Payload {
  public:
   Payload() = default;
-  explicit Payload(Bytes own) : own_(std::move(own)), bytes_(own_) {}
+  explicit Payload(Bytes own) : own_(std::move(own)) {
+    own_.shrink_to_fit();  // codecs make room for the worst case, and many payloads wait
+    bytes_ = own_;
+  }
   explicit Payload(ByteSpan view) : bytes_(view) {}
   Payload(Payload&&) = default;
   Payload& operator=(Payload&&) = default;

@@ -296,7 +296,14 @@ TEST_F(Repack, TheFileIsTheSameForAnyNumberOfThreads) {
     EXPECT_TRUE(read_text(folder_ / "1.slf") == read_text(folder_ / "n.slf")) << threads;
     std::filesystem::remove(folder_ / "n.slf");
   }
-  options.memory = 1;  // one tile at a time
+  options.memory = 1;
+  const auto refused = repack_field(*lossless_, folder_ / "n.slf", options);
+  ASSERT_FALSE(refused);
+  EXPECT_EQ(refused.error().code, ErrorCode::usage);
+  const std::string& message = refused.error().message;
+  const auto at = message.find("at least ");
+  ASSERT_NE(at, std::string::npos) << message;
+  options.memory = std::stoull(message.substr(at + 9)) << 10;  // one tile at a time
   ASSERT_TRUE(repack(*lossless_, folder_ / "n.slf", options));
   const auto a = Field::open(folder_ / "1.slf"), b = Field::open(folder_ / "n.slf");
   EXPECT_EQ(all_tiles(*a), all_tiles(*b));
