@@ -5,7 +5,7 @@
 
 Each program draws each view, 512 pixels square, of a field that it has not read before: from a host
 that answers at once, and from hosts behind links of 100 Mbit/s and 20 or 100 ms, and of 10 Mbit/s
-and 40 ms. This program simulates host and link (tests/view/host.py). If several programs are given,
+and 40 ms. This program simulates host and link (tests/page/host.py). If several programs are given,
 they take turns. Printed per program and link: the means over the views of requests and bytes, and
 of the median of the repeated times.
 """

@@ -1,6 +1,4 @@
 # The programs that scripts/report runs.
-find_package(CLI11 REQUIRED)
-find_package(fmt REQUIRED)
 
 # The command line's own arguments: a volume is named everywhere as it is to slf.
 add_library(bench_arguments STATIC ../cli/arguments.cc ../cli/open.cc
@@ -9,7 +7,6 @@ target_link_libraries(bench_arguments PUBLIC slf::slf CLI11::CLI11 PRIVATE fmt::
 
 add_executable(entry_pictures entry_pictures.cc)
 target_link_libraries(entry_pictures PRIVATE slf::slf CLI11::CLI11 slf_options)
-find_package(OpenEXR REQUIRED)
 add_executable(light_quality light_quality.cc)
 target_link_libraries(light_quality PRIVATE
   bench_arguments nlohmann_json::nlohmann_json slf_options)
@@ -44,7 +41,6 @@ add_executable(sampling_quality sampling_quality.cc)
 target_link_libraries(sampling_quality PRIVATE bench_arguments Threads::Threads slf_options)
 
 add_custom_target(report_programs)
-find_package(nlohmann_json REQUIRED)
 foreach(program codec_peers entry_pictures exr_peer light_quality sampling_quality systems
                 turntable view_times vtk_speed)
   if(TARGET ${program})

@@ -1,11 +1,10 @@
 # Every store that tiles are compared in is optional: what is missing is named when it runs.
-find_package(CLI11)
 if(CLI11_FOUND)
   file(GLOB storage_peers_sources CONFIGURE_DEPENDS storage/*.cc)
   list(FILTER storage_peers_sources EXCLUDE REGEX "/peer_(sqlite|rocksdb|hdf5|tiff)\\.cc$")
   add_executable(storage_peers ${storage_peers_sources})
   target_link_libraries(storage_peers PRIVATE
-    slf::slf slf::storage_writer CLI11::CLI11 Threads::Threads slf_options)
+    slf::slf CLI11::CLI11 Threads::Threads slf_options)
 
   foreach(peer sqlite:sqlite3 rocksdb:rocksdb hdf5:hdf5 tiff:libtiff-4)
     string(REGEX REPLACE ":.*" "" name ${peer})

@@ -6,7 +6,7 @@
 SLF is build/release/cli/slf. The field is exported unchanged. Each view is opened cold, as the
 first one of the exported page, in a headless Chromium, from hosts that serve several ranges in a
 request and from hosts that serve one, without delay and as over a link of 10 Mbit/s and 40 ms. This
-program simulates the host and the link (tests/view/host.py). "h2": nginx serves one range in a
+program simulates the host and the link (tests/page/host.py). "h2": nginx serves one range in a
 request, over HTTP/2, without delay.
 
 Columns: requests, dependent round trips, bytes of the field and milliseconds, from the beginning of

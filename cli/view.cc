@@ -1,4 +1,4 @@
-#include "view/server.h"
+#include "page/server.h"
 
 #include <unistd.h>
 
@@ -7,8 +7,8 @@
 #include "base/file.h"
 #include "base/try.h"
 #include "cli/command.h"
-#include "view/page.h"
-#include "view/site.h"
+#include "page/page.h"
+#include "page/site.h"
 
 namespace slf::cli {
 namespace {

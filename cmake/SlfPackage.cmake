@@ -38,11 +38,13 @@ set(CPACK_COMPONENT_PROGRAM_DESCRIPTION
 
 set(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_NAME libslf-dev)
 set(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_SECTION libdevel)
-set(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_DEPENDS
-  "libexpected-dev, libglm-dev, nlohmann-json3-dev, libhwy-dev, libjpeg62-turbo-dev, \
-libopenexr-dev, libpng-dev, libwebp-dev, liblmdb-dev, libxxhash-dev, libzstd-dev, \
-libembree-dev, libpugixml-dev, libsimdjson-dev, liblz4-dev, liblzma-dev, libtiff-dev, zlib1g-dev, \
-libbz2-dev, libminizip-dev, pkg-config, slf" ${loaded})
+set(needs)
+foreach(library IN LISTS slf_libraries)
+  list(APPEND needs ${slf_${library}_needs})
+endforeach()
+slf_cells(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_DEPENDS debian ${needs})
+list(APPEND CPACK_DEBIAN_DEVELOPMENT_PACKAGE_DEPENDS pkg-config slf ${loaded})
+list(REMOVE_DUPLICATES CPACK_DEBIAN_DEVELOPMENT_PACKAGE_DEPENDS)
 list(JOIN CPACK_DEBIAN_DEVELOPMENT_PACKAGE_DEPENDS ", " CPACK_DEBIAN_DEVELOPMENT_PACKAGE_DEPENDS)
 set(CPACK_COMPONENT_DEVELOPMENT_DESCRIPTION
   "Sphere light fields: static libraries and headers

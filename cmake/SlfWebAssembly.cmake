@@ -58,7 +58,7 @@ function(slf_wasm_module output)
     set(object ${CMAKE_BINARY_DIR}/wasm/${name}.o)
     add_custom_command(OUTPUT ${object}
       COMMAND ${CMAKE_CXX_COMPILER_LAUNCHER} ${SLF_WASM_COMPILER} ${wasm_flags}
-        -I${PROJECT_SOURCE_DIR}/view/wasm/include
+        -I${PROJECT_SOURCE_DIR}/page/wasm/include
         -I${PROJECT_SOURCE_DIR} -I${PROJECT_SOURCE_DIR}/include -isystem ${include}
         -MD -MF ${object}.d -c ${source} -o ${object}
       DEPENDS ${source} DEPFILE ${object}.d

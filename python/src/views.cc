@@ -9,9 +9,9 @@
 #include "convert.h"
 #include "fields.h"
 #include "module.h"
-#include "view/page.h"
-#include "view/server.h"
-#include "view/site.h"
+#include "page/page.h"
+#include "page/server.h"
+#include "page/site.h"
 
 namespace slf::python {
 namespace {

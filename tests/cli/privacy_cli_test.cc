@@ -2,8 +2,8 @@
 // of a DICOM file but its voxels.
 #include "slf/field.h"
 #include "tests/cli/cli_testing.h"
-#include "tests/field/volume/dicom_samples.h"
-#include "tests/field/volume/samples.h"
+#include "tests/source/volume/dicom_samples.h"
+#include "tests/source/volume/samples.h"
 
 namespace slf {
 namespace {

@@ -2,7 +2,7 @@
 #include <gmock/gmock.h>
 
 #include "tests/cli/cli_testing.h"
-#include "tests/field/volume/samples.h"
+#include "tests/source/volume/samples.h"
 
 namespace slf {
 namespace {

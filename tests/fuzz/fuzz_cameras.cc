@@ -7,8 +7,8 @@
 #include <filesystem>
 #include <string>
 
-#include "field/pictures/cameras.h"
 #include "slf/image.h"
+#include "source/pictures/cameras.h"
 #include "tests/temporary_folder.h"
 
 namespace {

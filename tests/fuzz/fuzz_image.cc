@@ -2,7 +2,7 @@
 #include <cstdint>
 #include <cstdlib>
 
-#include "field/image/formats.h"
+#include "image/formats.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   const auto image =

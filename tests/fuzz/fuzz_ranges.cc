@@ -5,7 +5,7 @@
 #include <cstring>
 #include <string>
 
-#include "view/ranges.h"
+#include "page/ranges.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t length) {
   using namespace slf::view;

@@ -4,7 +4,7 @@
 #include <cstdlib>
 #include <string_view>
 
-#include "view/http.h"
+#include "page/http.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t length) {
   const std::string_view head(reinterpret_cast<const char*>(data), length);

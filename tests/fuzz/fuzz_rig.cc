@@ -5,7 +5,7 @@
 #include <cstdlib>
 #include <string>
 
-#include "field/scene/light_rig.h"
+#include "source/light/light_rig.h"
 
 namespace {
 

@@ -10,9 +10,9 @@
 #include <string>
 #include <string_view>
 
-#include "field/volume/dicom.h"
 #include "slf/transfer.h"
 #include "slf/volume.h"
+#include "source/volume/dicom/dicom.h"
 #include "tests/temporary_folder.h"
 
 namespace {

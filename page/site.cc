@@ -1,0 +1,343 @@
+#include "page/site.h"
+
+#include <fcntl.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <filesystem>
+#include <initializer_list>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <utility>
+
+#include "base/bytes.h"
+#include "base/reporter.h"
+#include "base/try.h"
+#include "field/structure_looks.h"
+#include "field/write/field_index.h"
+#include "page/fit.h"
+#include "page/page.h"
+#include "slf/camera.h"
+#include "slf/field.h"
+#include "slf/image.h"
+#include "slf/inspect.h"
+#include "slf/render.h"
+
+namespace slf::view {
+namespace {
+
+namespace fs = std::filesystem;
+
+// The field is embedded in pieces of base64. This is a multiple of 3, so that only the last piece
+// has padding.
+constexpr std::size_t kPieceBytes = std::size_t{3} << 20;
+
+/// Exported folders.
+constexpr std::string_view kIndexFile = "index.html", kStyleFile = "style.css",
+                           kScriptFile = "page.js", kModuleFile = "module.bin",
+                           kModuleScriptFile = "module.bin.js", kFieldFile = "field.slf",
+                           kViewsFile = "views.json", kDarkPoster = "poster.jpg",
+                           kLightPoster = "poster-light.jpg";
+
+constexpr std::uint32_t kPosterSize = 512;
+constexpr std::size_t kMaxPosterBytes = 40000;
+
+/// Some hosts send the page of a folder without the slash at the end of its address. Then the files
+/// beside the page are not where their names lead. A path that begins with // would be a host.
+constexpr std::string_view kSlashScript = R"(<script>
+if (/\/[^./]+$/.test(location.pathname))
+  document.head.append(Object.assign(document.createElement('base'), {
+    href: location.href.split(/[?#]/)[0] + '/' + location.search}));
+</script>
+)";
+
+std::string_view file_named(std::string_view name) {
+  for (const PageFile& file : page_files())
+    if (file.name == name) return file.bytes;
+  return {};
+}
+
+std::string base64(std::string_view bytes) {
+  constexpr std::string_view kDigits =
+      "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+  std::string text;
+  text.reserve((bytes.size() + 2) / 3 * 4);
+  for (std::size_t at = 0; at < bytes.size(); at += 3) {
+    const std::size_t count = std::min<std::size_t>(3, bytes.size() - at);
+    std::uint32_t word = 0;
+    for (std::size_t i = 0; i < 3; ++i)
+      word = word << 8 | (i < count ? static_cast<unsigned char>(bytes[at + i]) : 0u);
+    for (std::size_t i = 0; i < 4; ++i)
+      text += i <= count ? kDigits[word >> (18 - 6 * i) & 63] : '=';
+  }
+  return text;
+}
+
+/// The WebAssembly module as a script, for where scripts cannot load other files.
+std::string module_script() {
+  return "globalThis.slfModule = '" + base64(file_named(kModuleFile)) + "';\n";
+}
+
+void replace_first(std::string& text, std::string_view what, std::string_view by) {
+  if (const std::size_t at = text.find(what); at != std::string::npos)
+    text.replace(at, what.size(), by);
+}
+
+/// What the page shows before any script runs: its first view, on dark and on light.
+struct Posters {
+  std::string title, dark, light;  ///< JPEG files
+  std::string first;  ///< ranges in the file, "BEGIN-END …", of the tiles of level 0 of that view
+};
+
+Result<Posters> make_posters(Field field, const Views& views) {
+  if (!views.state.empty()) field = SLF_TRY(field.in_state(views.state));
+  if (has_structures(field)) {
+    const std::vector<std::string> all{"*"};
+    const auto looks =
+        SLF_TRY(parse_structures(views.structures ? *views.structures : all, field.states()));
+    std::vector<StructureLook> unknown;
+    auto shown = SLF_TRY(structures_of(field, looks, unknown));
+    field = SLF_TRY(compose(field, std::move(shown)));
+  }
+  const Sphere& sphere = field.shape().sphere;
+  std::array<double, 6> view{30, 20, 3, 0, 0, 0};  // as in camera.js
+  std::ranges::copy(views.camera, view.begin());
+  Camera camera =
+      orbit_camera(sphere, view[0], view[1], std::max(view[2], 1.02), kPosterSize, kPosterSize);
+  const glm::dvec3 aside = sphere.radius * glm::dvec3(view[3], view[4], view[5]);
+  camera.eye += aside;
+  camera.look_at += aside;
+  Renderer renderer(field);
+  const RenderMode mode = field.has_depth() ? RenderMode::depth : RenderMode::bitri;
+  Posters posters;
+  const auto provenance = nlohmann::json::parse(field.provenance(), nullptr, false);
+  if (provenance.is_object())
+    for (const char* key : {"name", "source"})
+      if (provenance.contains(key) && provenance[key].is_string())
+        posters.title = fs::path(provenance[key].get<std::string>()).filename().string();
+  ViewStatistics coarse;
+  auto image = renderer.render(camera, {mode, 0}, &coarse);
+  // A damaged field is shown as far as it can be read.
+  const auto is_damaged = [&] { return !image && image.error().code == ErrorCode::bad_file; };
+  if (is_damaged()) return posters;
+  SLF_TRY(std::move(image));
+  const std::vector itself{Structure{field}};
+  for (const auto& [part, opacity, tint] : field.structures() ? *field.structures() : itself)
+    SLF_TRY(list_tiles(part, {.last_level = 0}, [&](const ListedTile& tile) {
+      if (tile.payload_bytes > 0 && std::ranges::binary_search(coarse.tiles, tile.key))
+        posters.first += std::to_string(tile.offset_bytes) + "-" +
+                         std::to_string(tile.offset_bytes + tile.payload_bytes) + " ";
+      return Result<void>();
+    }));
+  image = renderer.render(camera, {mode, matching_level(field.shape(), camera, mode)});
+  if (is_damaged()) return posters;
+  Image picture = SLF_TRY(std::move(image));
+  SLF_TRY(map_tones(field, std::nullopt, /*display=*/true, picture));
+  for (const auto& [background, poster] : {std::pair{glm::vec3(0), &posters.dark},
+                                           {glm::vec3(244, 245, 247) / 255.0f, &posters.light}})
+    for (int quality = 88; poster->empty() || poster->size() > kMaxPosterBytes; quality -= 8) {
+      const auto bytes = SLF_TRY(
+          encode_image("poster.jpg", picture, {.background = background, .jpeg_quality = quality}));
+      poster->assign(chars_of(bytes));
+      if (quality <= 8) break;
+    }
+  return posters;
+}
+
+/// The elements of a page with posters at these addresses: its head, and what the element contains.
+std::string poster_head(const Posters& posters, std::string_view image) {
+  const std::string title = escape_html(posters.title);
+  return "<meta property=\"og:title\" content=\"" + title + "\">\n" +
+         (image.empty() || posters.dark.empty()
+              ? ""
+              : "<meta property=\"og:image\" content=\"" + std::string(image) + "\">\n");
+}
+std::string poster_element(const Posters& posters, const std::string& dark,
+                           const std::string& light) {
+  if (posters.dark.empty()) return "";
+  return "<picture slot=\"poster\"><source media=\"(prefers-color-scheme: light)\" srcset=\"" +
+         light + "\"><img src=\"" + dark + "\" alt=\"" + escape_html(posters.title) +
+         "\"></picture>\n";
+}
+
+/// The page with its own title, and with more in its head, before the elements that refer to files.
+std::string page_html(const Posters& posters, std::string html, const std::string& head) {
+  if (!posters.title.empty())
+    replace_first(html, "<title>Sphere light field", "<title>" + escape_html(posters.title));
+  return html.insert(html.find("<link rel=\"stylesheet\""), head);
+}
+
+Result<void> export_page(const Field& field, const std::string& input, const std::string& output,
+                         const Views& views, const ProgressCallback& progress) {
+  if (field.file_bytes() > kMaxEmbeddedBytes)
+    return unsupported(input, field.file_bytes(), " bytes are too many for one page; ",
+                       "export to a folder, or make it smaller with slf repack");
+  const auto bytes = SLF_TRY(read_file(field.path(), kMaxEmbeddedBytes));
+  const std::string_view content = chars_of(bytes);
+
+  const auto posters = SLF_TRY(make_posters(field, views));
+  std::string scripts;
+  if (!views.json.empty())
+    scripts = "<script type=\"application/json\" class=\"views\">" + views.json + "</script>\n";
+  Reporter reporter(progress, {0, content.size(), 0}, output + ": interrupted");
+  for (std::size_t at = 0; at < content.size(); at += kPieceBytes) {
+    const std::string_view piece = content.substr(at, kPieceBytes);
+    scripts += "<script type=\"text/plain\" class=\"piece\">" + base64(piece) + "</script>\n";
+    SLF_TRY(reporter.add(piece.size()));
+  }
+  scripts += "<script>\n" + module_script() + std::string(file_named(kScriptFile)) + "</script>\n";
+  const auto inlined = [](std::string_view file) {
+    return "data:image/jpeg;base64," + base64(file);
+  };
+  std::string page = page_html(
+      posters,
+      page_with(views.attributes,
+                poster_element(posters, inlined(posters.dark), inlined(posters.light))),
+      poster_head(posters, "") + "<style>\n" + std::string(file_named(kStyleFile)) + "</style>\n");
+  const std::size_t links = page.find("<link rel=\"stylesheet\"");
+  page.erase(links, page.find("</head>") - links);
+  replace_first(page, "</body>", scripts + "</body>");
+  return write_file(output, bytes_of(page));
+}
+
+Result<void> export_site(const Field& field, const std::string& input, const std::string& folder,
+                         const Views& views, const ProgressCallback& progress) {
+  const std::uint64_t size = field.file_bytes();
+  std::error_code error;
+  fs::create_directories(folder, error);
+  if (error) return fail(ErrorCode::io, folder, ": cannot create: ", error.message());
+  // The field takes long and may not fit, so it is copied first. It gets its name last.
+  const std::string target = (fs::path(folder) / kFieldFile).string();
+  std::optional<NewFile> copy;
+  if (!is_same_file(field.path(), target)) {
+    SLF_TRY(check_output(target, {&input, 1}));  // as it is when it is made smaller
+    auto copied = SLF_TRY(copy_file(field.path(), target, progress));
+    copy.emplace(std::move(copied));
+    SLF_TRY(index_field(copy->path(), [&] { return !progress || progress({size, size, 0}); }));
+  }
+  const auto posters = SLF_TRY(make_posters(field, views));
+  const std::string element =
+      page_with("src=\"field.slf\" first=\"" + posters.first + "\"" + views.attributes +
+                    (views.json.empty() ? "" : " views=\"" + std::string(kViewsFile) + "\""),
+                poster_element(posters, std::string(kDarkPoster), std::string(kLightPoster)));
+  for (const auto& [name, text] : std::initializer_list<std::pair<std::string_view, std::string>>{
+           {kIndexFile, page_html(posters, element,
+                                  poster_head(posters, kDarkPoster) + std::string(kSlashScript))},
+           {kDarkPoster, posters.dark},
+           {kLightPoster, posters.light},
+           {kStyleFile, std::string(file_named(kStyleFile))},
+           {kScriptFile, std::string(file_named(kScriptFile))},
+           {kModuleFile, std::string(file_named(kModuleFile))},
+           {kModuleScriptFile, module_script()},
+           {kViewsFile, views.json}})
+    if (!text.empty()) SLF_TRY(write_file((fs::path(folder) / name).string(), bytes_of(text)));
+  return copy ? copy->publish(Existing::replace) : Result<void>();
+}
+
+/// Whether an export is one file.
+bool is_page_name(std::string_view output) {
+  return output.ends_with(".html") || output.ends_with(".htm");
+}
+
+/// The size of the largest field, with its index, whose export as one HTML file or as a folder has
+/// at most `max_bytes` bytes; 0 if the page alone is larger.
+std::uint64_t room_for_field(std::uint64_t max_bytes, bool one_file) {
+  // What is around scripts and pieces, and posters.
+  std::uint64_t page = 65536 + 2 * (kMaxPosterBytes / 3 * 4 + 4);
+  for (const PageFile& file : page_files()) {
+    if (!one_file || file.name != kModuleFile) page += file.bytes.size();
+    if (file.name == kModuleFile) page += file.bytes.size() / 3 * 4 + 4;  // base64
+  }
+  if (max_bytes <= page) return 0;
+  return one_file ? (max_bytes - page) / 4 * 3 : max_bytes - page;  // base64
+}
+
+/// The errors of export_field() that can be found before any work.
+Result<void> check_export(const std::string& input, const std::string& output, Existing existing) {
+  if (page_files().empty()) return fail(ErrorCode::unsupported, no_page());
+  if (is_page_name(output)) return check_output(output, {&input, 1}, existing);
+  std::error_code ignored;
+  if (existing == Existing::keep && fs::is_directory(output, ignored) &&
+      !fs::is_empty(output, ignored))
+    return fail_without("replace in", ErrorCode::usage, output, ": is not empty");
+  for (const std::string_view name : {kIndexFile, kStyleFile, kScriptFile, kModuleFile,
+                                      kModuleScriptFile, kViewsFile, kDarkPoster, kLightPoster})
+    SLF_TRY(check_output((fs::path(output) / name).string(), {&input, 1}));
+  const std::string target = (fs::path(output) / kFieldFile).string();
+  return is_same_file(input, target) ? Result<void>() : check_output(target, {&input, 1});
+}
+
+/// Makes a smaller field if the options request one, and returns its descriptor. Without one, the
+/// field is exported unchanged, as are several states for the sake of their light, since they would
+/// be encoded again. It is made beside the output and loses its name at once, so that nothing
+/// remains if the process is killed.
+Result<Descriptor> repack_if_requested(const Field& field, std::string output,
+                                       const ExportOptions& options,
+                                       const ProgressCallback& progress) {
+  const auto states = SLF_TRY(state_sources(field, options.states));
+  RepackOptions repack = options.repack;
+  repack.light = false;  // views do not need it
+  const bool limited = options.max_size > 0, one_file = is_page_name(output);
+  const std::uint64_t room = room_for_field(options.max_size, one_file);
+  if (limited && room == 0)
+    return fail_without("max_size", ErrorCode::usage,
+                        "the page alone is larger; allow 1MiB or more");
+  const auto light = field.light();
+  const bool drops_light = states.size() == 1 && (!light || !light->empty());
+  // Older versions kept the path of the source, which is not for the public.
+  const auto own = nlohmann::json::parse(field.provenance());
+  const bool tells = own.contains("content") && own.contains("source") &&
+                     own["source"].dump().find('/') != std::string::npos;
+  const bool as_it_is = !drops_light && options.states.empty() && !repack.levels &&
+                        repack.codec.empty() && repack.depth && !tells;
+  // In a folder, a field without an index gets one and so becomes larger; a repacked one has it.
+  const bool fits = !limited || (one_file && field.file_bytes() <= room);
+  if (as_it_is && fits) return Descriptor();
+  while (output.size() > 1 && output.back() == '/') output.pop_back();
+  const std::string path = output + ".exporting";
+  std::error_code ignored;
+  if (fs::exists(fs::symlink_status(path, ignored)))
+    return misuse(path, "exists; move or remove it: the export needs its name");
+  SLF_TRY(limited ? repack_to_fit(states, path, repack, room, progress)
+                  : join_states(states, path, repack, progress));
+  Descriptor file(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
+  ::unlink(path.c_str());
+  return file;
+}
+
+}  // namespace
+
+std::string escape_html(std::string_view text) {
+  std::string html;
+  for (const char c : text)
+    html += c == '&' ? "&amp;" : c == '<' ? "&lt;" : c == '"' ? "&quot;" : std::string(1, c);
+  return html;
+}
+
+std::string page_with(std::string_view attributes, std::string_view content) {
+  std::string html(file_named(kIndexFile));
+  replace_first(html, "<slf-field src=\"field.slf\" own address>\n",
+                "<slf-field " + std::string(attributes) + " address>\n" + std::string(content));
+  return html;
+}
+
+Result<Field> export_field(const std::string& input, const std::string& output,
+                           const ExportOptions& options, const ProgressCallback& tiles,
+                           const ProgressCallback& bytes) {
+  SLF_TRY(check_export(input, output, options.existing));
+  const auto field = SLF_TRY(Field::open(input));
+  auto views = SLF_TRY(parse_views(options.views, field.shape().sphere));
+  const auto file = SLF_TRY(repack_if_requested(field, output, options, tiles));
+  const bool smaller = file.get() >= 0;
+  const auto exported = SLF_TRY(smaller ? Field::open(path_of_descriptor(file.get())) : field);
+  if (auto begun = begin_with(options.first, exported, views); !begun) {
+    if (!smaller || !begin_with(options.first, field, views)) return tl::unexpected(begun.error());
+    return fail(ErrorCode::usage, "what the page shows first is not among the states to keep");
+  }
+  SLF_TRY(is_page_name(output) ? export_page(exported, input, output, views, bytes)
+                               : export_site(exported, input, output, views, bytes));
+  return exported;
+}
+
+}  // namespace slf::view

@@ -1,0 +1,18 @@
+// The visible parts of a volume: empty space to skip, and the bounds. Private to source.
+#pragma once
+
+#include <optional>
+
+#include "source/medium/ray_grid.h"
+
+namespace slf {
+
+/// Computes the grid's bricks, distances and visible box from its table and dims. Returns a sphere
+/// from the middle of that box to the farthest visible cell, or nothing if there are none. The
+/// sphere depends only on the volume and the table.
+[[nodiscard]] std::optional<Sphere> find_visible_space(const Volume& volume, RayGrid& grid);
+
+/// A little more than the distance of a point to the farthest visible cell. REQUIRES: there is one.
+[[nodiscard]] double find_reach(const Volume& volume, const RayGrid& grid, const glm::dvec3& from);
+
+}  // namespace slf

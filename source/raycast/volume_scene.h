@@ -1,0 +1,49 @@
+// VolumeScene: a volume, its transfer function and its light, ready for rays. Private to
+// source/raycast.
+#pragma once
+
+#include <map>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "slf/raycaster.h"
+#include "source/raycast/raycaster_kernel.h"
+#include "source/raycast/volume_parts.h"
+
+namespace slf {
+
+/// Voxels in a type of RayGrid, and what is known of them.
+struct RayVoxels {
+  std::shared_ptr<const std::byte> bytes{};
+  ScalarType type = ScalarType::u8;
+  double intercept = 0;
+  std::vector<double> labels{};  ///< of a volume of labels: the id that each number stands for
+  std::array<float, 2> range{};  ///< of amounts: the least and greatest finite one, as stored
+  bool finite = true;            ///< whether there is one
+};
+
+struct LitScene;
+
+/// RaycastOptions::shared. The keys tell all apart that the values depend on.
+struct SharedScenes {
+  std::map<std::string, RayVoxels> voxels{};
+  std::map<std::string, std::shared_ptr<const PartRows>> rows{};
+  std::map<std::string, std::shared_ptr<LitScene>> lit{};  ///< of which scenes show some labels
+};
+
+/// The data that ray-caster and path tracer share. The grid points into the volume.
+struct VolumeScene {
+  Volume volume;
+  RayGrid grid;
+  Sphere bounds;
+  LightOptions lighting;
+  std::string provenance;
+};
+
+/// Converts the voxels, makes the tables and finds the visible space; no light volume yet. Errors
+/// as Raycaster::make.
+[[nodiscard]] Result<std::unique_ptr<VolumeScene>> make_volume_scene(
+    Volume volume, const TransferFunction& transfer, const RaycastOptions& options);
+
+}  // namespace slf

@@ -1,0 +1,1510 @@
+"""The page in a headless Chromium: its pictures beside those of slf render.
+
+    page_test.py SLF DECODED WORK_FOLDER [FIELD.slf …]
+
+Exits with 77, which CTest takes for skipped, where there is no browser or no page.
+"""
+
+import base64
+import hashlib
+import json
+import math
+import os
+import signal
+import struct
+import subprocess
+import sys
+import time
+import unittest
+from urllib.parse import quote
+
+sys.dont_write_bytecode = True
+
+from browser import Browser, BrowserError, shutil
+from host import Handler, Host
+from nginx import Nginx
+
+SLF, DECODED, WORK = sys.argv[1:4]
+WORK = os.path.abspath(WORK)
+ROOT = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..")
+VIEWS = [(30, 20, 3), (200, -35, 3), (110, 85, 2.2), (300, 5, 1.4), (75, 0, 6)]
+MIN_PSNR = {"bitri": 45.0, "depth": 42.0}  # dB
+# Software graphics take a second for a picture of 512². Half of that shows the same mistakes;
+# fields that are given are drawn in full.
+SIZE = 512 if sys.argv[4:] else 256
+
+
+def slf(*arguments):
+    return subprocess.run([SLF, "-q", *map(str, arguments)], check=True, capture_output=True,
+                          text=True).stdout
+
+
+def path(name):
+    return os.path.join(WORK, name)
+
+
+def index_size(field):
+    """The bytes after the pages of a field (doc/format/optional.md, "Index")."""
+    with open(field, "rb") as file:
+        file.seek(-24, os.SEEK_END)
+        return os.path.getsize(field) - int.from_bytes(file.read(8), "little")
+
+
+class Server:
+    """slf view of some fields."""
+
+    def __init__(self, *fields):
+        self.process = subprocess.Popen([SLF, "-q", "view", *fields], stdout=subprocess.PIPE,
+                                        text=True)
+        self.url = self.process.stdout.readline().strip()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.process.send_signal(signal.SIGINT)
+        self.status = self.process.wait(20)
+        self.process.stdout.close()
+
+
+class PageTest(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        os.makedirs(WORK, exist_ok=True)
+        cls.fields = sys.argv[4:] or cls.build_fields()
+        cls.browser = Browser()
+
+    @classmethod
+    def tearDownClass(cls):
+        cls.browser.__exit__()
+
+    @classmethod
+    def build_fields(cls):
+        """An opaque and a translucent field, one of linear radiance, and one with missing tiles, of
+        several codecs."""
+        with open(path("cube.raw"), "wb") as file:
+            file.write(bytes(200 if all(6 <= at < 18 for at in (x, y, z)) else 10
+                             for z in range(24) for y in range(24) for x in range(24)))
+        lattice = ["--entry", 4, "--exit", 16]
+        recipes = {
+            "opaque": ["scene:balls", "--levels", 2],  # predictive
+            "translucent": ["scene:fog", "--codec", "zstd",
+                            "--levels", 1],
+            "lit": [path("cube.raw"), "--dims", "24x24x24", "--lighting", "shadowed", "--levels", 1,
+                    "--color-type", "half", "--codec", "zstd"],
+        }
+        fields = []
+        for name, recipe in recipes.items():
+            fields.append(path(name + ".slf"))
+            slf("build", *recipe, "-o", fields[-1], "-f", *lattice)
+        fields.append(path("partial.slf"))
+        slf("repack", fields[0], "-o", fields[-1], "-f", "--subfields", "0-40", "--levels", 1,
+            "--codec", "jpeg:90")
+        return fields
+
+    def psnr(self, page, field, view, mode, level, fragment="", options=()):
+        """Of the page's canvas beside slf render; `fragment` says to the page what `options` do."""
+        name = f"{os.path.basename(field)}-{mode}-{'_'.join(map(str, view))}"
+        fragment = f"view={','.join(map(str, view))}&mode={mode}&level={level}" + fragment
+        page.run(f"""new Promise((done) => {{
+          addEventListener('hashchange', done, {{once: true}});
+          location.hash = '{fragment}';
+        }}).then(() => 0)""")
+        page.settle()
+        shown, drawn = path(name + "-page.png"), path(name + "-slf.png")
+        page.canvas(shown)
+        slf("render", field, "-o", drawn, "-f", "--mode", mode, "--level", level, "--orbit",
+            ",".join(map(str, view)), "--size", f"{SIZE}x{SIZE}", "--background", "0,0,0", *options)
+        return json.loads(slf("compare", shown, drawn, "--json"))["psnr"] or 99.0
+
+    def test_pictures_are_those_of_slf_render(self):
+        for field in self.fields:
+            info = json.loads(slf("info", field, "--json"))
+            with Server(field) as server:
+                page = self.browser.open(server.url, SIZE, SIZE)
+                page.settle()
+                for mode in ["depth", "bitri"]:
+                    for view in VIEWS:
+                        found = self.psnr(page, field, view, mode, info["levels"][-1]["level"])
+                        print(f"{os.path.basename(field):20} {mode:6} {view}: {found:.1f} dB",
+                              flush=True)
+                        with self.subTest(field=field, mode=mode, view=view):
+                            self.assertGreaterEqual(found, MIN_PSNR[mode])
+                self.assertEqual(page.run("slf.statistics().damaged"), 0)
+                page.close()
+            self.assertEqual(server.status, -signal.SIGINT)  # as a shell expects of Ctrl-C
+
+    def test_chooses_the_level_that_slf_render_chooses(self):
+        field = self.fields[0]
+        sphere = json.loads(slf("info", field, "--json"))["sphere"]
+
+        def drawn(orbit, target, mode, width, height):
+            azimuth, elevation, distance = (*map(math.radians, orbit[:2]), orbit[2])
+            out = (math.sin(azimuth) * math.cos(elevation),
+                   -math.cos(azimuth) * math.cos(elevation), math.sin(elevation))
+            at = [c + sphere["radius"] * t for c, t in zip(sphere["center"], target)]
+            eye = [c + sphere["radius"] * distance * v for c, v in zip(at, out)]
+            half = math.tan(math.radians(FOV / 2)) * max(1, height / width)
+            return json.loads(slf(
+                "render", field, "-o", path("level.png"), "-f", "--level", "auto", "--mode", mode,
+                "--eye", ",".join(map(str, eye)), "--look-at", ",".join(map(str, at)), "--fov",
+                math.degrees(2 * math.atan(half)), "--size", f"{width}x{height}", "--stats",
+                "--json"))["level"]
+
+        chosen = set()
+        with Server(field) as server:
+            for width, height in [(120, 120), (200, 130), (130, 200)]:
+                page = self.browser.open(server.url, width, height)
+                page.wait("['loading', 'settled'].includes(globalThis.slf?.state)")
+                self.assertEqual(page.run("[slf.canvas.width, slf.canvas.height]"), [width, height])
+                for orbit in [(30, 20, d) for d in (1.5, 3, 5, 6, 8, 10, 14, 20)]:
+                    # From the last target, the eye is further from the sphere's centre.
+                    for target in [(0, 0, 0), (0, -1, 0.5)]:
+                        for mode in ["depth", "bitri"]:
+                            view = ",".join(map(str, orbit + target))
+                            found = page.run(f"""(() => {{
+                              slf.settings.mode = '{mode}';
+                              slf.camera.fromText('{view}');
+                              return slf.view().level;
+                            }})()""")
+                            with self.subTest(view=view, mode=mode, size=(width, height)):
+                                self.assertEqual(found, drawn(orbit, target, mode, width, height))
+                            chosen.add(found)
+                page.close()
+        self.assertEqual(chosen, {0, 1, 2})
+
+    def test_exposure_and_tone_mapping_are_those_of_slf_render(self):
+        field = path("lit.slf")
+        if field not in self.fields:
+            self.skipTest("other fields are given")
+        with Server(field) as server:
+            page = self.browser.open(server.url, SIZE, SIZE)
+            page.settle()
+            for curve, exposure in [("srgb", 1.5), ("neutral", -1)]:
+                found = self.psnr(page, field, VIEWS[0], "depth", 1,
+                                  f"&curve={curve}&exposure={exposure}",
+                                  ("--tonemap", curve, "--exposure", exposure))
+                with self.subTest(curve=curve, exposure=exposure):
+                    self.assertGreaterEqual(found, MIN_PSNR["depth"])
+            page.close()
+
+    def test_the_shaders_tone_curve_is_that_of_slf(self):
+        """Over a ramp of half floats, within a grey level."""
+        values = [0, 2 ** -24, 2 ** -14, *(10 ** (k / 20) for k in range(-100, 97)), 65504,
+                  *(k / 256 for k in range(512))]
+        hues = [(1, 1, 1), (1, 0.5, 0.125), (0, 1, 0), (0.9, 0.96, 1), (-1, 0.01, 1)]
+        texels = [[v * h for h in hue] + [alpha] for alpha in (1, 0.5, 1 / 255, 0) for hue in hues
+                  for v in values]
+        width, height = len(values), len(texels) // len(values)
+        halves = struct.pack(f"<{4 * len(texels)}e", *(v for texel in texels for v in texel))
+        colors = struct.pack(f"<{4 * len(texels)}f",
+                             *struct.unpack(f"<{4 * len(texels)}e", halves))
+        # The rest of the shader, and a main() that maps the ramp.
+        draw = f"""(curve, exposure) => {{
+          const canvas = new OffscreenCanvas({width}, {height}), gl = canvas.getContext('webgl2');
+          const program = gl.createProgram(), ramp = kDraw.slice(0, kDraw.indexOf('void main()')) +
+            'void main() {{ result = mapped(texelFetch(uColor, ivec3(gl_FragCoord.xy, 0), 0)); }}';
+          for (const [type, text] of [[gl.VERTEX_SHADER, kVertex], [gl.FRAGMENT_SHADER, ramp]]) {{
+            const shader = gl.createShader(type);
+            gl.shaderSource(shader, text);
+            gl.compileShader(shader);
+            gl.attachShader(program, shader);
+          }}
+          gl.linkProgram(program);
+          if (!gl.getProgramParameter(program, gl.LINK_STATUS))
+            throw new Error(gl.getAttachedShaders(program).map((s) => gl.getShaderInfoLog(s)));
+          gl.useProgram(program);
+          gl.bindTexture(gl.TEXTURE_2D_ARRAY, gl.createTexture());
+          gl.texStorage3D(gl.TEXTURE_2D_ARRAY, 1, gl.RGBA16F, {width}, {height}, 1);
+          for (const name of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER])
+            gl.texParameteri(gl.TEXTURE_2D_ARRAY, name, gl.NEAREST);
+          gl.texSubImage3D(gl.TEXTURE_2D_ARRAY, 0, 0, 0, 0, {width}, {height}, 1, gl.RGBA,
+                           gl.HALF_FLOAT, new Uint16Array(halves.buffer));
+          const target = gl.createTexture(), bytes = new Uint8Array({4 * len(texels)});
+          gl.bindTexture(gl.TEXTURE_2D, target);
+          gl.texStorage2D(gl.TEXTURE_2D, 1, gl.RGBA8, {width}, {height});
+          gl.bindFramebuffer(gl.FRAMEBUFFER, gl.createFramebuffer());
+          gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, target, 0);
+          gl.uniform1i(gl.getUniformLocation(program, 'uCurve'), kCurves.indexOf(curve));
+          gl.uniform1f(gl.getUniformLocation(program, 'uGain'), 2 ** exposure);
+          gl.viewport(0, 0, {width}, {height});
+          gl.drawArrays(gl.TRIANGLES, 0, 3);
+          gl.readPixels(0, 0, {width}, {height}, gl.RGBA, gl.UNSIGNED_BYTE, bytes);
+          if (gl.getError()) throw new Error('WebGL');
+          return btoa(Array.from(bytes, (b) => String.fromCharCode(b)).join(''));
+        }}"""
+        with Host(os.path.join(ROOT, "page/web")) as host:
+            page = self.browser.open(host.url + "/style.css", 64, 64)
+            page.wait("document.readyState === 'complete'")
+            page.run(f"""import('./shader.js').then(({{kDraw, kVertex, kCurves}}) => {{
+              const halves = Uint8Array.from(atob('{base64.b64encode(halves).decode()}'),
+                                             (c) => c.charCodeAt(0));
+              globalThis.draw = {draw};
+            }})""")
+            for number, curve in enumerate(["neutral", "srgb", "none"]):  # as ToneCurve
+                for exposure in [0, 1.5, -1, 6, -6]:
+                    found = base64.b64decode(page.run(f"draw('{curve}', {exposure})"))
+                    mapped = subprocess.run([DECODED, "--tones", str(number), str(exposure)],
+                                            input=colors, check=True, capture_output=True).stdout
+                    exact = [255 * min(max(v, 0), 1) for v in
+                             struct.unpack(f"<{4 * len(texels)}f", mapped)]
+                    worst = max(range(len(exact)), key=lambda i: abs(found[i] - exact[i]))
+                    with self.subTest(curve=curve, exposure=exposure, color=texels[worst // 4]):
+                        self.assertLess(abs(found[worst] - exact[worst]), 0.75)
+            page.close()
+
+    def test_states(self):
+        """The states of a field, by link, by keys and as a film. What they share comes once."""
+        cuts = [("top off", (0, 0, 1)), ("half", (1, 0, 0))]
+        with open(path("states.json"), "w") as file:
+            json.dump({"states": [{"name": "whole"}] + [
+                {"name": name, "clip": [[12, 12, 12, *normal]]} for name, normal in cuts]}, file)
+        field = path("states.slf")
+        slf("build", path("cube.raw"), "--dims", "24x24x24", "--lighting", "direct", "--levels", 1,
+            "--entry", 4, "--exit", 16, "--states", path("states.json"), "-o", field, "-f")
+        with Server(field) as server:
+            page = self.browser.open(server.url, SIZE, SIZE)
+            page.settle()
+            for state in ["top off", "half", "whole"]:
+                found = self.psnr(page, field, VIEWS[0], "depth", 1, f"&state={quote(state)}",
+                                  ("--state", state))
+                with self.subTest(state=state):
+                    self.assertGreaterEqual(found, MIN_PSNR["depth"])
+            self.assertEqual(page.run("slf.statistics().damaged"), 0)
+            loaded = page.run("slf.statistics().bytes")
+            for key, state in [(".", 1), (".", 2), (",", 1), (",", 0)]:
+                self.press(page, key)
+                page.settle()
+                self.assertEqual(page.run("slf.field.state"), state)
+            # A coarse picture may ask for a tile that the finished one does not show.
+            seen = page.run("slf.statistics().bytes")
+            self.assertLess(seen, 1.01 * loaded)
+            for key in [".", ".", ","]:
+                self.press(page, key)
+                page.settle()
+            self.assertIn("state=top%20off", page.run("location.hash"))
+            self.assertEqual(page.run("slf.statistics().bytes"), seen)
+            self.press(page, "p")
+            for state in [2, 0, 1]:
+                page.wait(f"slf.field.state === {state}", 20)
+            self.press(page, "p")
+            page.close()
+
+    @classmethod
+    def structured(cls):
+        """A field of four structures: a core within two lobes, and a stem."""
+        def label(x, y, z):
+            square = sum((at - 11.5) ** 2 for at in (x, y, z))
+            if max(abs(x - 11.5), abs(y - 11.5)) < 2 and z < 6:
+                return 4
+            return 0 if square > 81 else 1 if square < 25 else 2 if x < 12 else 3
+
+        with open(path("labels.raw"), "wb") as file:
+            file.write(bytes(label(x, y, z)
+                             for z in range(24) for y in range(24) for x in range(24)))
+        with open(path("labels.json"), "w") as file:
+            json.dump({"labels": [{"id": 0, "opacity": 0}] + [
+                {"id": k, "name": name, "color": color} for k, name, color in [
+                    (1, "core", [0.9, 0.8, 0.6]), (2, "left lobe", [0.4, 0.6, 0.9]),
+                    (3, "right lobe", [0.9, 0.5, 0.4]), (4, "stem, white", [1, 1, 1])]]}, file)
+        field = path("structures.slf")
+        slf("build", path("labels.raw"), "--dims", "24x24x24", "--labels", "--label-table",
+            path("labels.json"), "--each-label", "--lighting", "direct", "--levels", 1, "--entry",
+            4, "--exit", 16, "-o", field, "-f")
+        return field
+
+    @staticmethod
+    def labelled(name, structures):
+        """A small field of structures of these names."""
+        with open(path(name + ".raw"), "wb") as file:
+            file.write(bytes(1 + k % len(structures) for k in range(8 ** 3)))
+        with open(path(name + ".json"), "w") as file:
+            json.dump({"labels": [{"id": k + 1, "name": one, "color": [1, 1, 1]}
+                                  for k, one in enumerate(structures)]}, file)
+        field = path(name + ".slf")
+        slf("build", path(name + ".raw"), "--dims", "8x8x8", "--labels", "--label-table",
+            path(name + ".json"), "--each-label", "--lighting", "direct", "--levels", 0, "--entry",
+            2, "--exit", 4, "-o", field, "-f")
+        return field
+
+    def same_as(self, page, field, *structures, view=VIEWS[0], fragment=""):
+        """Whether the page shows what slf render --structure draws."""
+        options = [text for name in structures for text in ("--structure", name)]
+        found = self.psnr(page, field, view, "depth", 1, fragment, options)
+        with self.subTest(structures=structures, view=view):
+            self.assertGreaterEqual(found, MIN_PSNR["depth"])
+
+    def test_structures(self):
+        """The list: what is hidden, alone, faded and tinted looks as slf render draws it."""
+        field = self.structured()
+        with Server(field) as server:
+            page = self.browser.open(server.url, SIZE, SIZE)
+            page.settle()
+            part = "slf.root.querySelector('[aria-label=\"{}\"]')"
+
+            def click(label):
+                page.run(part.format(label) + ".click()")
+                page.settle()
+
+            def enter(label, value):
+                page.run(f"""(() => {{
+                  const input = {part.format(label)};
+                  input.value = {json.dumps(value)};
+                  input.dispatchEvent(new Event('input'));
+                }})()""")
+                page.wait("!slf.stale")
+                page.settle()
+
+            self.assertEqual(page.run(
+                "[...slf.root.querySelectorAll('#list label')].map((e) => e.textContent)"),
+                ["core", "left lobe", "right lobe", "stem, white"])
+            self.assertTrue(page.run("slf.root.getElementById('states').hidden"))
+            for view in VIEWS[:2]:
+                self.same_as(page, field, view=view)
+            self.psnr(page, field, VIEWS[1], "depth", 0)  # all tiles of which are there
+            page.wait("!slf.statistics().busy")
+            loaded = page.run("slf.statistics().bytes")
+            for label in ["Show left lobe", "Show stem, white", "Only core", "Only core"]:
+                click(label)
+            page.run("slf.root.getElementById('all-on').click()")
+            page.settle()
+            self.assertEqual(page.run("slf.statistics().bytes"), loaded)
+            # Rays meet other surfaces now, but none of what is hidden.
+            page.run("""(() => {
+              const {reader} = slf.loader, read = reader.read;
+              globalThis.states = new Set();
+              reader.read = (pages) => {
+                pages.forEach((page) => states.add(Math.floor(page / slf.pages())));
+                return read.call(reader, pages);
+              };
+            })()""")
+            click("Show right lobe")
+            self.same_as(page, field, "*", "right lobe:0", view=VIEWS[1])
+            self.assertEqual(page.run("[...states].sort()"), [0, 1, 3])
+            self.assertIn("structures=*,right%20lobe:0&", page.run("location.hash"))
+            click("Only core")
+            self.same_as(page, field, "core", view=VIEWS[1])
+            click("Only core")  # what was shown before
+            self.same_as(page, field, "*", "right lobe:0", view=VIEWS[1])
+            page.run("slf.root.getElementById('all-on').click()")
+            enter("Opacity of left lobe", "0.4")
+            enter("Tint of stem, white", "#ffd080")
+            self.same_as(page, field, "*", "left lobe:0.4", "stem, white:#ffd080")
+            self.assertEqual(page.run("document.querySelector('slf-field').structures"),
+                             ["*", "left lobe:0.4", "stem, white:#ffd080"])
+            page.run("slf.root.getElementById('all-off').click()")
+            page.settle()
+            self.assertEqual(page.run("slf.loader.tiles"), 0)
+            self.assertEqual(page.run("slf.statistics().damaged"), 0)
+            page.close()
+
+    def test_structures_by_address_and_keyboard(self):
+        field = self.structured()
+        with Server(field) as server:
+            loaded = {}
+            for structures, options in [
+                    ("*", ["*"]), ("stem%2C white", ["stem, white"]),
+                    ("*lobe:0.3:%23ffd0b0,core", ["*lobe:0.3:#ffd0b0", "core"])]:
+                page = self.browser.open(server.url + f"#structures={structures}", SIZE, SIZE)
+                page.settle()
+                page.wait("!slf.statistics().busy")
+                loaded[structures] = page.run("slf.statistics().bytes")
+                self.same_as(page, field, *options)
+                page.close()
+            # What is hidden is not loaded.
+            self.assertLess(loaded["stem%2C white"], 0.6 * loaded["*"])
+            page = self.browser.open(server.url + "#structures=core,no such", SIZE, SIZE)
+            page.settle()
+            self.assertIn("no structure named no such",
+                          page.run("slf.root.getElementById('status').textContent"))
+            if page.run("slf.root.getElementById('parts').hidden"):
+                self.press(page, "l")
+            reached = []
+            for _ in range(60):
+                self.press(page, "Tab")
+                reached.append(page.run("slf.root.activeElement?.getAttribute('aria-label')"))
+                if reached[-1] == "Show left lobe":
+                    break
+            self.assertEqual(reached[-5:], ["Show core", "Opacity of core", "Tint of core",
+                                            "Only core", "Show left lobe"])
+            self.press(page, " ")
+            page.wait("slf.field.layers.length === 2")
+            self.press(page, "Tab")
+            self.press(page, "ArrowLeft")
+            page.wait("slf.field.layers[1].opacity === 0.99")
+            self.assertEqual(page.run("slf.camera.toText()"), "30,20,3")
+            page.settle()
+            self.assertIn("structures=core,left%20lobe:0.99", page.run("location.hash"))
+            page.close()
+
+    def test_begins_with_the_state_that_slf_view_is_told(self):
+        """A state, by name or number; of structures, the one of that name alone."""
+        views = {"views": [{"title": "Faded", "orbit": [60, 10, 3], "structures": ["*:0.5"]}]}
+        with open(path("first.json"), "w") as file:
+            json.dump(views, file)
+        parts = self.labelled("begin", ["a", 'b, "c" <d>&%2C', "e:0.5", "f*"])
+        with open(path("states2.json"), "w") as file:
+            json.dump({"states": [{"name": "a"}, {"name": 'b, "c" <d>&%2C', "transfer": "flame"}]},
+                      file)
+        field = path("states2.slf")
+        slf("build", path("cube.raw"), "--dims", "24x24x24", "--lighting", "direct", "--levels", 0,
+            "--entry", 2, "--exit", 8, "--states", path("states2.json"), "-o", field, "-f")
+        shown = "[slf.field.state, slf.field.layers.map(({state, opacity}) => [state, opacity])]"
+        everything = [[0, 1], [1, 1], [2, 1], [3, 1]]
+        for arguments, fragment, expected in [
+                ([field], "", [0, []]),
+                (["--state", "1", field], "", [1, []]),
+                (["--state", 'b, "c" <d>&%2C', field], "", [1, []]),
+                (["--state", "1", field], "#state=a", [0, []]),
+                ([parts], "", [0, everything]),
+                (["--state", "1", parts], "", [0, [[1, 1]]]),
+                (["--state", 'b, "c" <d>&%2C', parts], "", [0, [[1, 1]]]),
+                (["--state", "e:0.5", parts], "", [0, [[2, 1]]]),
+                (["--state", "3", parts], "#structures=a,e*:0.2", [0, [[0, 1], [2, 0.2]]]),
+                (["--views", path("first.json"), parts], "",
+                 [0, [[state, 0.5] for state, _ in everything]]),
+                (["--state", "0", "--views", path("first.json"), parts], "", [0, [[0, 1]]])]:
+            with self.subTest(arguments=arguments, fragment=fragment), Server(*arguments) as server:
+                page = self.browser.open(server.url + fragment, 64, 64)
+                page.wait("['loading', 'settled', 'failed'].includes(globalThis.slf?.state)")
+                self.assertEqual(page.run(shown), expected)
+                page.close()
+
+    def test_picks_the_nearest_structure_that_is_shown(self):
+        """As slf pick; what is hidden is not there."""
+        field = self.structured()
+        radius = json.loads(slf("info", field, "--json"))["sphere"]["radius"]
+        depths = {}
+        with Server(field) as server:
+            for structures in ["*", "*,right lobe:0", "left lobe", "core,right lobe:0.3", "*:0"]:
+                view = "#view=90,0,3&level=1&structures=" + quote(structures, safe=",*:")
+                page = self.browser.open(server.url + view, SIZE, SIZE)
+                page.settle()
+                found = page.run(f"slf.pick({SIZE / 2}, {SIZE / 2})")
+                page.close()
+                options = [text for name in structures.split(",") for text in ("--structure", name)]
+                same = json.loads(slf("pick", field, "--orbit", "90,0,3", "--size",
+                                      f"{SIZE}x{SIZE}", f"{SIZE // 2},{SIZE // 2}", "--json",
+                                      *options))
+                with self.subTest(structures=structures):
+                    self.assertEqual(found is None, same["point"] is None)
+                    for a, b in zip((found or same)["point"] or [], same["point"] or []):
+                        self.assertLess(abs(a - b), 0.02 * radius)
+                depths[structures] = found and found["depth"]
+        # The lobe reaches to 9 voxels from the middle, the core to 5. A faint lobe counts less than
+        # the core behind it.
+        self.assertAlmostEqual(depths["*,right lobe:0"] - depths["*"], 4, delta=1)
+        self.assertGreater(depths["core,right lobe:0.3"], depths["*"] + 2)
+        self.assertGreater(depths["left lobe"], depths["*,right lobe:0"] + 4)
+        self.assertIsNone(depths["*:0"])
+
+    def test_texts_show_the_structures_that_slf_render_shows(self):
+        names = ["core", "left lobe", "stem, white", "Körper", "a:b", "[x]", "1*2", "a.b", "0.5",
+                 "e:0.5", "e:0.5:7", "132", "c*"]
+        field = self.labelled("named", names)
+        patterns = [
+            *names, "*", "?ore", "???? ????", "left *", "*e*", "[ck]*", "[!c]*", "[a-c]*", "K*r",
+            "", "cor", "Core", "core*core", "[", "[c", "a.?", "a?b", "a+", "(", "$",
+            "1\\*2", "1\\**", "\\c\\o\\re", "1\\d2", "core\\"]
+        looks = [
+            "", "0", "1", "0.25", ".5", "5.", "1.", "0.", ".", "1e-1", "1E-1", "1e-1.", "e-1", "1e",
+            "0x1", "+1", "-1", "-0", "1.01", "2", "1e2", "inf", "nan", " 1", "1 ", "0,5", "0.3:0.7",
+            "#ff8000", "#FF8000", "#ff80", "#ff800", "#ff80000", "#gg0000", "#12345-", "#-12345",
+            "#", "0.5:#ff8000", "#ff8000:0.5", "#ff8000:0", "0:#ff8000", "0.5:#ff80", "#ff80:0.5",
+            ":", ":0.5", "1:", "#000000"]
+        lists = [[text] for text in patterns + [f"core:{look}" for look in looks]] + [
+            ["*:0.5:#010203"], ["a:b:0.5"], ["a:*:#ffffff"], ["a:0.5"], ["0.5:0.5"], [":0.5"],
+            [":"], ["*:0.5", "core"], ["core", "*:0.5"], ["*", "l*:0", "a:b:#ff0000", "*x*:0.1"],
+            ["core", "none"], ["e:0.5:0.25"], ["e:0.5:7:#ff0000"], ["e"], ["e:*:0.5"]]
+        folder = path("named")
+        slf("export", field, "-o", folder, "-f")
+        shutil.copytree(os.path.join(ROOT, "page/web"), os.path.join(folder, "source"),
+                        dirs_exist_ok=True)
+        with Host(folder) as host:
+            page = self.browser.open(host.url + "/index.html", 64, 64)
+            page.settle()
+            # With an unknown name, so that there are looks even if none is known.
+            found = page.run(f"""import('./source/structures.js').then(({{looksOf, layersOf}}) =>
+              {json.dumps(lists)}.map((texts) => {{
+                const {{looks, unknown}} = looksOf(slf.field, ['core:0', ...texts, 'no']);
+                return unknown.length > 1 ? 'refused' : layersOf(looks).map(
+                  ({{state, opacity, tint}}) => `${{state}} ${{opacity}} ${{tint}}`);
+              }}))""")
+            page.close()
+        for texts, shown in zip(lists, found, strict=True):
+            done = subprocess.run([DECODED, "--looks", field, *texts], capture_output=True,
+                                  text=True)
+            slfs = done.stdout.splitlines() if done.returncode == 0 else "refused"
+            with self.subTest(texts=texts):
+                self.assertIn(done.returncode, [0, 4])
+                self.assertEqual(shown, slfs)
+
+    def test_hostile_patterns_in_the_address_take_no_time(self):
+        field = self.labelled("hostile", ["a" * 60, "b"])
+        with Server(field) as server:
+            for pattern in ["*a" * 12 + "*b", "*?" * 20 + "*b", "*[!b]" * 12 + "*b", "[" * 5000]:
+                page = self.browser.open(f"{server.url}#structures={quote(pattern)}", 64, 64)
+                begin = time.monotonic()
+                page.settle(30)
+                self.assertLess(time.monotonic() - begin, 10)
+                page.close()
+
+    def test_structures_in_saved_views_and_as_an_attribute(self):
+        field = self.structured()
+        views = {"views": [{"title": "All", "orbit": [30, 20, 3]},
+                           {"title": "Core", "orbit": [30, 20, 3], "structures": ["core:0.5"]}]}
+        with self.explained(views, field) as server:
+            page = self.browser.open(server.url + "#saved=2", SIZE, SIZE)
+            page.wait("slf.field?.layers?.length === 1 && slf.field.layers[0].opacity === 0.5")
+            page.run("""document.querySelector('slf-field').setAttribute('structures',
+                          'stem%2C white'); 0""")
+            page.wait("slf.field.layers.length === 1 && slf.field.layers[0].state === 3")
+            self.assertEqual(page.run("slf.root.getElementById('shown').textContent"), "1 of 4")
+            page.close()
+
+    def test_decodes_the_same_samples(self):
+        for field in self.fields:
+            stride = 31
+            native = subprocess.run([DECODED, field, str(stride)], check=True, capture_output=True)
+            with self.subTest(field=field), Server(field) as server:
+                page = self.browser.open(server.url, 64, 64)
+                page.settle()
+                text = page.run(f"""(async () => {{
+                  const pages = [];
+                  for (let p = 0; p < slf.pages(); p += {stride}) pages.push(p);
+                  const parts = [];
+                  for (const tile of await Promise.all(slf.read(pages)))
+                    for (const part of [tile.color, tile.depth]) if (part) parts.push(part);
+                  const all = await new Blob(parts).arrayBuffer();
+                  const digest = new Uint8Array(await crypto.subtle.digest('SHA-256', all));
+                  return Array.from(digest, (b) => b.toString(16).padStart(2, '0')).join('');
+                }})()""", 120)
+                self.assertEqual(text, hashlib.sha256(native.stdout).hexdigest())
+                page.close()
+
+    def test_tiles_and_their_copies_in_workers_share_one_budget(self):
+        """Decodes tiles that are predicted from 3 of 12 others of 100 bytes, where 10 fit."""
+        with Host(os.path.join(ROOT, "page/web")) as host:
+            page = self.browser.open(host.url + "/style.css", 64, 64)
+            page.wait("document.readyState === 'complete'")
+            found = page.run("""(async () => {
+              const {Decoders} = await import('./decoders.js');
+              const workers = [], found = {lacking: 0, most: 0, held: 0, sent: 0};
+              const makeWorker = () => {  // as worker.js, without decoding
+                const copies = new Set(), port = {copies, postMessage: (message) => {
+                  message.forget.forEach((page) => copies.delete(page));
+                  for (const {page, samples} of message.references) {
+                    if (samples) copies.add(page), ++found.sent;
+                    found.lacking += !copies.has(page);
+                  }
+                  setTimeout(() => port.onmessage({data: {id: message.id}}));
+                }};
+                workers.push(port);
+                return port;
+              };
+              const decoders = new Decoders(makeWorker), {cache} = decoders;
+              cache.budget = 1000;
+              const decode = (i) => {
+                const references = [i >> 3, i, i * i].map((k) => {
+                  const page = k % 12;
+                  if (!cache.get(page)) cache.set(page, true, 100);
+                  return {page, samples: new Uint8Array(100)};
+                });
+                const done = decoders.decode({level: 1}, undefined, references);
+                found.most = Math.max(found.most, cache.bytes);
+                return done;
+              };
+              for (let i = 0; i < 500; i += 10)
+                await Promise.all(Array.from({length: 10}, (_, k) => decode(i + k)));
+              await Promise.all(workers.map(() => decoders.decode({level: 1}, undefined, [])));
+              found.held = workers.reduce((sum, {copies}) => sum + 100 * copies.size, 0);
+              return found;
+            })()""")
+            self.assertEqual(found["lacking"], 0)
+            self.assertLessEqual(found["most"], 1000)
+            self.assertLess(0, found["held"])
+            self.assertLessEqual(found["held"], 1000)
+            self.assertLess(found["sent"], 1000)  # of 1500
+            page.close()
+
+    def test_a_field_without_an_index_shows_the_same(self):
+        bare = path("bare.slf")
+        with open(self.fields[0], "rb") as file:
+            content = file.read()
+        with open(bare, "wb") as file:
+            file.write(content[:-index_size(self.fields[0])])
+        with Server(bare) as server:
+            page = self.browser.open(server.url, SIZE, SIZE)
+            page.settle()
+            self.assertGreaterEqual(self.psnr(page, bare, VIEWS[0], "depth", 2), MIN_PSNR["depth"])
+            self.assertEqual(page.run("slf.statistics().damaged"), 0)
+            page.close()
+
+    def test_one_file_shows_the_same_offline(self):
+        field, html = self.fields[0], path("one.html")
+        slf("export", field, "-o", html, "-f")
+        page = self.browser.open("file://" + os.path.abspath(html), SIZE, SIZE)
+        page.settle()
+        self.assertGreaterEqual(self.psnr(page, field, VIEWS[0], "bitri", 1), MIN_PSNR["bitri"])
+        page.close()
+
+    def test_a_site_works_below_a_path_and_in_a_frame(self):
+        folder = path("host/below/site")
+        slf("export", self.fields[0], "-o", folder, "-f")
+        with open(path("host/frame.html"), "w") as file:
+            file.write('<iframe src="below/site/index.html" width="400" height="300"></iframe>')
+        with Host(path("host")) as host:
+            page = self.browser.open(host.url + "/frame.html", 512, 512)
+            page.wait("frames[0]?.slf?.state === 'settled'")
+            page.close()
+
+    def counted_site(self):
+        """A folder with the page and a field, and the bytes of its index."""
+        folder, ordered = path("counted"), path("ordered.slf")
+        # How a build lays tiles out depends on its speed; a repacked field has them in order.
+        slf("repack", self.fields[0], "-o", ordered, "-f")
+        slf("export", ordered, "-o", folder, "-f")
+        return folder, index_size(os.path.join(folder, "field.slf"))
+
+    @staticmethod
+    def payload(folder, view):
+        """The bytes of the tiles of a view."""
+        return json.loads(slf("render", os.path.join(folder, "field.slf"), "-o",
+                              path("payload.png"), "-f", "--orbit", view, "--size", SIZE, "--level",
+                              "finest", "--stats", "--json"))["compressed_bytes"]
+
+    def test_a_cold_view_takes_few_requests(self):
+        folder, index = self.counted_site()
+        # In the last view, depths move rays to other tiles more than once.
+        for ranges, view in [("many", VIEWS[0]), ("one", VIEWS[0]), ("many", (117, 71, 3.9))]:
+            view = ",".join(map(str, view))
+            payload = self.payload(folder, view)
+            with self.subTest(ranges=ranges, view=view), Host(folder, ranges) as host:
+                page = self.browser.open(f"{host.url}/index.html#view={view}&level=2", SIZE, SIZE)
+                page.settle()
+                page.wait("!slf.statistics().busy")
+                found = page.run("slf.statistics()")
+                print(f"{ranges}: {payload} bytes of payload, {found}", flush=True)
+                self.assertLessEqual(len(host.answers("field.slf")), 40)
+                self.assertEqual(len(host.answers("field.slf")), found["requests"])
+                self.assertEqual(host.bytes("field.slf"), found["bytes"])  # none was refused
+                self.assertLessEqual(found["first"]["requests"], 4)
+                self.assertLessEqual(found["first"]["roundTrips"], 3)
+                self.assertLessEqual(found["complete"]["roundTrips"], 4)
+                if ranges == "many":
+                    # Tiles are small here: the headers of parts take 140 bytes each.
+                    self.assertLessEqual(host.bytes("field.slf"), 1.5 * payload + index + 65536)
+                page.close()
+
+    def early_site(self):
+        """A folder whose level 0 is too large to be loaded whole."""
+        field, folder = path("early.slf"), path("early")
+        slf("build", "scene:fog", "--entry", 4, "--exit", 16, "--levels", 0, "--codec", "raw",
+            "-o", field, "-f")
+        slf("export", field, "-o", folder, "-f")
+        return folder
+
+    def test_the_first_tiles_come_before_the_module(self):
+        """The exporter lists them; no other request for tiles comes before the first picture."""
+        class Late(Handler):  # the module comes after the tiles are asked for
+            ranges_asked = []
+
+            def do_GET(self):
+                if self.path.endswith("field.slf"):
+                    Late.ranges_asked.append(self.headers["Range"])
+                deadline = time.monotonic() + 20
+                while self.path.endswith("module.bin") and len(Late.ranges_asked) < 3 \
+                        and time.monotonic() < deadline:
+                    time.sleep(0.01)
+                super().do_GET()
+
+        with Host(self.early_site(), handler=Late) as host:
+            page = self.open(host.url + "/index.html")
+            page.settle()
+            found = page.run("slf.statistics().first")
+            page.close()
+            self.assertIn(",", Late.ranges_asked[2])
+            self.assertLessEqual(found["requests"], 4)
+            self.assertLess(found["milliseconds"], 20000)
+
+    def test_a_list_of_first_tiles_that_is_wrong_does_no_harm(self):
+        folder = self.early_site()
+        field = os.path.join(folder, "field.slf")
+        slf("export", self.fields[0], "-o", path("other"), "-f")
+        shutil.copy(path("other/field.slf"), field)  # smaller; index.html is of the old one
+        with Host(folder) as host:
+            page = self.open(host.url + "/index.html")
+            page.settle()
+            self.assertGreaterEqual(self.psnr(page, field, VIEWS[0], "depth", 2), MIN_PSNR["depth"])
+            page.close()
+
+    def test_requests_that_share_a_connection_fill_few_gaps(self):
+        if not Nginx.available():
+            self.skipTest("no nginx or no openssl; scripts/install-packages --for test")
+        folder, index = self.counted_site()
+        view = ",".join(map(str, VIEWS[0]))
+        payload = self.payload(folder, view)
+        with Nginx(folder) as host:
+            page = self.open(f"{host.url}/index.html#view={view}&level=2", certificate=False)
+            page.settle()
+            found = page.run("slf.statistics().complete")
+            answers = host.answers("field.slf")
+            print(f"HTTP/2: {payload} bytes of payload, {found}", flush=True)
+            self.assertEqual({protocol for _, _, protocol in answers}, {"HTTP/2.0"})
+            self.assertLessEqual(found["bytes"], 1.3 * payload + index + 65536)
+            self.assertLessEqual(found["roundTrips"], 4)
+            page.close()
+
+    def open(self, url, certificate=True, script=""):
+        """Opens an address. `script` runs before the page's own."""
+        page = self.browser.open("about:blank", SIZE, SIZE)
+        page.call("Security.setIgnoreCertificateErrors", ignore=not certificate)
+        if script:
+            page.call("Page.addScriptToEvaluateOnNewDocument", source=script)
+        page.call("Page.navigate", url=url)
+        return page
+
+    def outcome(self, url, state="loading", **options):
+        """Opens an address and returns what the page says once its field is open (state: 'loading')
+        or shown ('settled'), or once that has failed."""
+        page = self.open(url, **options)
+        states = ["failed", "settled"] + (["loading"] if state == "loading" else [])
+        page.wait(f"{states}.includes(globalThis.slf?.state)")
+        said = page.run("slf.state === 'failed' ? slf.message : ''")
+        page.close()
+        return said
+
+    def site(self):
+        """A folder with the page and a small field."""
+        folder = path("small/site")
+        os.makedirs(path("small"), exist_ok=True)
+        slf("export", self.fields[0], "-o", folder, "-f", "--levels", "0")
+        return folder
+
+    def test_a_folder_works_from_disk(self):
+        folder = os.path.abspath(self.site())
+        page = self.open("file://" + os.path.join(folder, "index.html"))
+        page.wait("globalThis.slf?.state === 'asking'")
+        self.assertIn("Choose field.slf", page.run("slf.root.getElementById('choose').innerText"))
+        chooser = page.call("Runtime.evaluate", expression="slf.root.getElementById('file')")
+        page.call("DOM.setFileInputFiles", objectId=chooser["result"]["objectId"],
+                  files=[os.path.join(folder, "field.slf")])
+        page.settle()
+        self.assertTrue(page.run("slf.root.getElementById('choose').hidden"))
+        page.close()
+
+    def test_a_folder_works_without_the_slash_at_its_end(self):
+        with Host(os.path.dirname(self.site())) as host:
+            self.assertEqual(self.outcome(host.url + "/site"), "")
+
+    def test_a_path_that_begins_with_two_slashes_names_no_host(self):
+        class Literal(Handler):  # as hosts that do not merge slashes
+            def translate_path(self, name):
+                return self.host.folder if name.endswith("/site") else super().translate_path(
+                    "/" + name.rsplit("/", 1)[1])
+
+            def parse_request(self):  # Python's own takes one slash away
+                fine = super().parse_request()
+                if fine:
+                    self.path = self.raw_requestline.decode().split()[1]
+                return fine
+
+        with Host(self.site()) as other, Host(self.site(), handler=Literal) as host:
+            address = f"{host.url}//{other.url.removeprefix('http://')}/site"
+            self.assertEqual(self.outcome(address), "")
+            self.assertEqual(other.log, [])
+
+    def test_notices_that_a_file_is_swapped_whose_version_nobody_tells(self):
+        """Two fields of equal length, on a host without ETags."""
+        fields = []
+        for name, value in [("swap-a", 200), ("swap-b", 150)]:
+            with open(path(name + ".raw"), "wb") as file:
+                file.write(bytes(value if all(6 <= at < 18 for at in (x, y, z)) else 10
+                                 for z in range(24) for y in range(24) for x in range(24)))
+            fields.append(path(name + ".slf"))
+            slf("build", path(name + ".raw"), "--dims", "24x24x24", "--range", "0,255",
+                "--lighting", "direct", "--levels", 1, "--entry", 4, "--exit", 8, "--codec", "raw",
+                "-o", fields[-1], "-f")
+        self.assertEqual(*map(os.path.getsize, fields))
+        folder = path("swapped")
+        slf("export", fields[0], "-o", folder, "-f")
+
+        class Swapping(Handler):
+            answers, after = 0, 1000
+
+            def send_header(self, name, value):
+                if name != "ETag":
+                    super().send_header(name, value)
+
+            def translate_path(self, name):
+                if not name.endswith("field.slf"):
+                    return super().translate_path(name)
+                Swapping.answers += 1
+                return fields[Swapping.answers > Swapping.after]
+
+        for ranges in ["many", "one"]:
+            outcomes = []
+            for Swapping.after in [1000, 4, 5, 6, 8]:
+                Swapping.answers = 0
+                with Host(folder, ranges=ranges, handler=Swapping) as host:
+                    page = self.open(host.url + "/index.html")
+                    page.wait("['failed', 'settled'].includes(slf.state)")
+                    page.wait("slf.state === 'failed' || !slf.statistics().busy")
+                    page.run("new Promise((done) => setTimeout(done, 500))")
+                    outcomes.append(page.run("slf.state === 'failed' ? slf.message : ''"))
+                    page.close()
+                if Swapping.answers <= Swapping.after:
+                    self.assertEqual(outcomes[-1], "")
+                else:
+                    self.assertIn("has changed on its host", outcomes[-1])
+            self.assertGreater(len([said for said in outcomes if said]), 1)
+
+    def test_ctrl_c_leaves_the_browser_that_it_opened(self):
+        log, stop = path("opened.txt"), path("opened.stop")
+        for name in [log, stop]:
+            if os.path.exists(name):
+                os.remove(name)
+        os.makedirs(path("bin"), exist_ok=True)
+        with open(path("bin/xdg-open"), "w") as file:
+            file.write(f"#!/bin/sh\ntrap 'echo interrupted >>{log}' INT\necho $1 >>{log}\n"
+                       f"while [ ! -e {stop} ]; do sleep 0.1; done\necho ended >>{log}\n")
+        os.chmod(path("bin/xdg-open"), 0o755)
+
+        def said(what):
+            deadline = time.monotonic() + 20
+            while time.monotonic() < deadline:
+                if os.path.exists(log) and what in open(log).read():
+                    return open(log).read()
+                time.sleep(0.05)
+            self.fail(f"xdg-open did not say {what}")
+
+        view = subprocess.Popen([SLF, "-q", "view", "--open", self.fields[0]], text=True,
+                                env=os.environ | {"PATH": f"{path('bin')}:{os.environ['PATH']}"},
+                                stdout=subprocess.PIPE, start_new_session=True)
+        said(view.stdout.readline().strip())
+        os.killpg(view.pid, signal.SIGINT)  # as a terminal does
+        view.wait(20)
+        view.stdout.close()
+        time.sleep(0.5)
+        open(stop, "w").close()
+        self.assertNotIn("interrupted", said("ended"))
+
+    def test_a_wait_for_the_gpu_that_fails_ends(self):
+        with Server(self.fields[0]) as server:
+            self.assertEqual(self.outcome(server.url, "settled", script="""
+              WebGL2RenderingContext.prototype.clientWaitSync = (gl) => 0x911D;  // WAIT_FAILED
+              """), "")
+
+    def test_a_sandbox_needs_the_hosts_consent(self):
+        sandbox = {"Content-Security-Policy": "sandbox allow-scripts"}  # as of <iframe sandbox>
+        with Host(self.site(), headers=sandbox) as host:
+            said = self.outcome(host.url + "/index.html")
+            self.assertIn("Access-Control-Allow-Origin: *", said)
+            self.assertIn("sandbox", said)
+        with Host(self.site(), headers=sandbox | {"Access-Control-Allow-Origin": "*"}) as host:
+            self.assertEqual(self.outcome(host.url + "/index.html", "settled"), "")
+
+    def test_policies_of_hosts(self):
+        """One file under policies that forbid other scripts, workers and WebAssembly."""
+        os.makedirs(path("policy"), exist_ok=True)
+        slf("export", self.fields[0], "-o", path("policy/one.html"), "-f", "--levels", "0")
+
+        def host(policy):
+            return Host(path("policy"), headers={"Content-Security-Policy": policy})
+
+        inline = "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'"
+        with host(inline + " 'wasm-unsafe-eval'") as strict:
+            self.assertEqual(self.outcome(strict.url + "/one.html", "settled"), "")
+        with host(inline) as stricter:
+            self.assertIn("'wasm-unsafe-eval'", self.outcome(stricter.url + "/one.html"))
+        with host("script-src 'none'") as strictest:
+            page = self.open(strictest.url + "/one.html")
+            page.wait("document.getAnimations().length > 0 && document.readyState === 'complete'")
+            status = "getComputedStyle(document.getElementById('late')).visibility"
+            self.assertEqual(page.run(status), "hidden")
+            page.run("document.getAnimations().forEach((animation) => animation.finish())")
+            self.assertEqual(page.run(status), "visible")
+            page.close()
+
+    def test_says_what_is_missing(self):
+        with Host(self.site()) as host:
+            for name in ["WebAssembly", "DecompressionStream"]:
+                said = self.outcome(host.url + "/index.html", script=f"delete globalThis.{name}")
+                self.assertIn("too old or locked down: it lacks " + name, said)
+            self.assertEqual(self.outcome(host.url + "/index.html", script="""
+              WebAssembly.compileStreaming = async () => { throw new Error('no policy'); };"""),
+                             "no policy")
+            for name in ["module.bin", "module.bin.js"]:
+                os.remove(os.path.join(host.folder, name))
+            self.assertIn("cannot be loaded: module.bin", self.outcome(host.url + "/index.html"))
+
+    def test_says_that_a_field_is_a_projection(self):
+        field = path("mip.slf")
+        slf("build", path("cube.raw"), "--dims", "24x24x24", "--projection", "mip", "--levels", 0,
+            "--entry", 4, "--exit", 16, "-o", field, "-f")
+        with Server(field) as server:
+            page = self.browser.open(server.url, SIZE, SIZE)
+            page.settle()
+            page.run("slf.root.getElementById('about').click()")
+            self.assertIn("maximum intensity projection",
+                          page.run("slf.root.getElementById('facts-list').textContent"))
+            page.close()
+
+    def test_shows_fields_of_other_hosts(self):
+        folder = self.site()
+        shared = {"Access-Control-Allow-Origin": "*"}
+        with Host(folder) as home, Host(folder, headers=shared) as other:
+            def at(field):
+                return f"{home.url}/index.html?field={field}"
+
+            self.assertEqual(self.outcome(at(other.url + "/field.slf")), "")
+            self.assertGreater(other.bytes("field.slf"), 0)
+            self.assertEqual(home.bytes("field.slf"), 0)
+            self.assertIn("(CORS)", self.outcome(at("http://127.0.0.1:1/field.slf")))
+            self.assertIn("not an address", self.outcome(at("http://")))
+        with Server(self.fields[0]) as server:
+            self.assertIn("only its own", self.outcome(server.url + "?field=" + other.url))
+
+    def test_a_host_without_ranges_sends_a_small_field_once(self):
+        with Host(self.site(), ranges="none") as host:
+            page = self.open(host.url + "/index.html")
+            page.settle()
+            self.assertEqual(page.run("slf.statistics().bytes"),
+                             os.path.getsize(os.path.join(host.folder, "field.slf")))
+            self.assertEqual(page.run("slf.root.getElementById('status').textContent"), "")
+            page.close()
+
+    def test_says_what_is_wrong(self):
+        folder = path("wrong")
+        slf("export", self.fields[0], "-o", folder, "-f")
+        large = path("large")
+        slf("export", self.fields[0], "-o", large, "-f")
+        with open(os.path.join(large, "field.slf"), "r+b") as file:
+            file.truncate((64 << 20) + 1)
+        with Host(folder) as host, Host(large, ranges="none") as plain:
+            def message(host):
+                page = self.browser.open(host.url + "/index.html", SIZE, SIZE)
+                page.wait("globalThis.slf?.state === 'failed'", 60)
+                text = page.run("slf.root.getElementById('status').textContent")
+                page.close()
+                return text
+
+            self.assertIn("ranges", message(plain))
+            with open(os.path.join(folder, "field.slf"), "r+b") as file:
+                file.truncate(100000)
+            self.assertIn("truncated", message(host))
+            with open(os.path.join(folder, "field.slf"), "wb") as file:
+                file.write(b"x" * 20000)
+            self.assertIn("not a field", message(host))
+            os.remove(os.path.join(folder, "field.slf"))
+            self.assertIn("404", message(host))
+
+    def test_an_orbit_has_no_blank_frame(self):
+        with Server(self.fields[0]) as server:
+            page = self.browser.open(server.url, 96, 96)
+            page.settle()
+            blank = page.run("""(async () => {
+              const canvas = slf.root.getElementById('picture');
+              const gl = canvas.getContext('webgl2');
+              const pixels = new Uint8Array(canvas.width * canvas.height * 4);
+              let blank = 0;
+              for (let i = 0; i < 360; ++i) {
+                slf.camera.turn(1, 0);
+                slf.moved();
+                await new Promise((done) => requestAnimationFrame(done));
+                gl.bindFramebuffer(gl.FRAMEBUFFER, null);
+                gl.readPixels(0, 0, canvas.width, canvas.height, gl.RGBA, gl.UNSIGNED_BYTE, pixels);
+                let lit = 0;
+                for (let k = 0; k < pixels.length; k += 4) lit += pixels[k] > 0;
+                if (lit < 40) ++blank;
+              }
+              return blank;
+            })()""", 300)
+            self.assertEqual(blank, 0)
+            state = page.run("slf.statistics()")
+            self.assertLessEqual(state["tiles"], state["slots"])
+            page.close()
+
+    def test_survives_a_lost_context(self):
+        with Server(self.fields[0]) as server:
+            page = self.browser.open(server.url, SIZE, SIZE)
+            page.settle()
+            page.canvas(path("before.png"))
+            page.run("""globalThis.lose = slf.root.getElementById('picture').getContext('webgl2')
+                          .getExtension('WEBGL_lose_context'); lose.loseContext()""")
+            page.run("new Promise((done) => setTimeout(done, 300)).then("
+                     "() => { lose.restoreContext(); })")
+            page.run("new Promise((done) => setTimeout(done, 500))")
+            page.settle()
+            page.canvas(path("after.png"))
+            found = json.loads(slf("compare", path("before.png"), path("after.png"), "--json"))
+            self.assertTrue(found["equal"], found)
+            page.close()
+
+    def test_a_film_of_loading_gets_only_better(self):
+        """Each frame at 10 Mbit/s beside the finished picture."""
+        folder, _ = self.counted_site()
+        with Host(folder, rate=1.25e6, delay=0.04) as host:
+            page = self.open(f"{host.url}/index.html#level=2&background=00ff00", script="""
+              globalThis.film = [];
+              const shoot = () => {
+                requestAnimationFrame(shoot);
+                const canvas = slf.root.getElementById('picture');
+                if (!globalThis.slf?.statistics().first || film.length > 200) return;
+                const gl = canvas.getContext('webgl2'), {width, height} = canvas;
+                const frame = new Uint8Array(width * height * 4), last = film.at(-1);
+                gl.bindFramebuffer(gl.READ_FRAMEBUFFER, null);
+                gl.readPixels(0, 0, width, height, gl.RGBA, gl.UNSIGNED_BYTE, frame);
+                if (!last || frame.some((v, i) => v !== last[i])) film.push(frame);
+              };
+              requestAnimationFrame(shoot);""")
+            page.settle()
+            page.wait("film.length > 1")
+            page.run("new Promise((done) => setTimeout(done, 1500))")
+            page.run("globalThis.finished = film, 0")
+            for level in [1, 0]:
+                page.run(f"slf.settings.level = '{level}', slf.moved(), film = [], 0")
+                page.settle()
+                page.run(f"globalThis.level{level} = film.at(-1), 0")
+            found = page.run("""(() => {
+              const coarse = level0, last = finished.at(-1), size = Math.sqrt(last.length / 4);
+              // How much of the background a pixel shows.
+              const green = (frame, i) => frame[i + 1] - Math.max(frame[i], frame[i + 2]);
+              const solid = Array.from({length: size * size}, (_, i) =>
+                [last, level1, coarse].every((frame) => green(frame, 4 * i) < 40));
+              const inside = [];  // offsets of pixels whose neighbours are solid too
+              for (let y = 2; y < size - 2; ++y)
+                for (let x = 2; x < size - 2; ++x) {
+                  let all = true;
+                  for (let v = -2; v <= 2; ++v)
+                    for (let u = -2; u <= 2; ++u) all &&= solid[(y + v) * size + x + u];
+                  if (all) inside.push(4 * (y * size + x));
+                }
+              const step = (frame, i, by) => Math.max(
+                ...[0, 1, 2].map((c) => Math.abs(frame[i + c] - frame[i + 4 * by + c])));
+              return [inside.length, finished.map((frame) => {
+                let error = 0;
+                for (let i = 0; i < frame.length; i += 4)
+                  for (let c = 0; c < 3; ++c) error += (frame[i + c] - last[i + c]) ** 2;
+                const mean = error / (0.75 * frame.length * 255 ** 2);
+                return {
+                  psnr: -10 * Math.log10(Math.max(mean, 1e-9)),
+                  emptier: inside.filter(
+                    (i) => green(frame, i) > Math.max(green(coarse, i), green(last, i)) + 16).length,
+                  steepest: Math.max(
+                    ...inside.map((i) => Math.max(step(frame, i, 1), step(frame, i, size)))),
+                };
+              })];
+            })()""", 120)
+            page.close()
+        print(*found, sep="\n", flush=True)
+        inside, frames = found
+        self.assertGreater(inside, 1000)
+        self.assertGreater(len(frames), 3)
+        for before, after in zip(frames, frames[1:]):
+            self.assertGreaterEqual(after["psnr"], before["psnr"] - 0.01)
+        for frame in frames:
+            self.assertEqual(frame["emptier"], 0)
+            self.assertLessEqual(frame["steepest"], frames[-1]["steepest"] + 4)
+
+    def test_an_outage_is_waited_out(self):
+        folder, _ = self.counted_site()
+
+        class Failing(Handler):
+            down = False
+
+            def do_GET(self):
+                if Failing.down and self.path.endswith(".slf"):
+                    self.close_connection = True
+                    return self.connection.shutdown(2)
+                return super().do_GET()
+
+        with Host(folder, rate=2e5, handler=Failing) as host:
+            page = self.open(host.url + "/index.html#level=2")
+            page.wait("globalThis.slf?.statistics().first")
+            Failing.down = True
+            page.wait("slf.root.getElementById('status').textContent.includes('Waiting')")
+            time.sleep(8)  # five attempts took three seconds
+            self.assertEqual(page.run("slf.state"), "loading")
+            Failing.down = False
+            page.settle()
+            self.assertEqual(page.run("slf.root.getElementById('status').textContent"), "")
+            page.close()
+
+    def test_the_panel_starts_folded_where_it_would_cover_much(self):
+        with Server(self.fields[0]) as server:
+            for size, folded in [((800, 600), True), ((1600, 1000), False)]:
+                page = self.browser.open(server.url, *size)
+                page.wait("['loading', 'settled'].includes(globalThis.slf?.state)")
+                self.assertEqual(page.run("slf.root.getElementById('settings').hidden"), folded)
+                page.close()
+
+    def test_mouse_and_keys_move_the_camera(self):
+        with Server(self.fields[0]) as server:
+            page = self.browser.open(server.url, 512, 512)
+            page.settle()
+            before = page.run("[slf.camera.azimuth, slf.camera.elevation, slf.camera.distance]")
+            for kind, x in [("mousePressed", 300), ("mouseMoved", 350), ("mouseReleased", 350)]:
+                page.call("Input.dispatchMouseEvent", type=kind, x=x, y=300, button="left",
+                          buttons=0 if kind == "mouseReleased" else 1, clickCount=1)
+            page.call("Input.dispatchMouseEvent", type="mouseWheel", x=300, y=300, deltaX=0,
+                      deltaY=200)
+            after = page.run("[slf.camera.azimuth, slf.camera.elevation, slf.camera.distance]")
+            self.assertNotEqual(after[0], before[0])
+            self.assertGreater(after[2], before[2])
+            for key in ["r"]:
+                page.call("Input.dispatchKeyEvent", type="keyDown", key=key, text=key)
+            self.assertEqual(page.run("slf.camera.distance"), 3)
+            # A double click goes nearer; two quick clicks apart, as of the ruler, do not.
+            for apart, distance in [(100, 3), (2, 1.8)]:
+                page.run("new Promise((done) => setTimeout(done, 400))")
+                for x in [200, 200 + apart]:
+                    for kind in ["mousePressed", "mouseReleased"]:
+                        page.call("Input.dispatchMouseEvent", type=kind, x=x, y=256, button="left",
+                                  buttons=int(kind == "mousePressed"), clickCount=1)
+                self.assertAlmostEqual(page.run("slf.camera.distance"), distance)
+            page.close()
+
+
+    # ---- explaining -----------------------------------------------------------------------------
+
+    def explained(self, views, field=None):
+        """slf view of a field with views, and the page."""
+        with open(path("views.json"), "w") as file:
+            json.dump(views, file)
+        return Server("--views", path("views.json"), field or self.fields[0])
+
+    @staticmethod
+    def press(page, key):
+        for kind in ["keyDown", "keyUp"]:
+            page.call("Input.dispatchKeyEvent", type=kind, key=key)
+
+    def test_saved_views_by_keyboard(self):
+        views = [{"title": f"View {i}", "text": "See https://example.org.",
+                  "orbit": [36 * i, 5 * i - 20, 2 + 0.1 * i]} for i in range(10)]
+        with self.explained({"views": views}) as server:
+            page = self.browser.open(server.url, SIZE, SIZE)
+            page.settle()
+            self.assertEqual(page.run("slf.camera.toText()"), "0,-20,2")
+            self.assertEqual(page.run("slf.root.querySelector('#text a').href"),
+                             "https://example.org/")
+            for i, key in [*((i, "PageDown") for i in range(1, 10)), (0, "PageDown"),
+                           (9, "PageUp")]:
+                self.press(page, key)
+                page.wait(f"slf.camera.toText() === '{36 * i},{5 * i - 20},{2 + 0.1 * i:g}'", 20)
+                self.assertEqual(page.run("slf.root.getElementById('title').textContent"),
+                                 f"View {i}")
+            page.run("location.hash = '#saved=4'")
+            page.wait("slf.camera.toText() === '108,-5,2.3'", 20)
+            page.close()
+
+    def test_notes_hide_behind_matter(self):
+        sphere = json.loads(slf("info", self.fields[0], "--json"))["sphere"]
+        found = json.loads(slf("pick", self.fields[0], "--orbit", "30,20,3", "--size", "256x256",
+                               "128,128", "--json"))["point"]
+        other = [2 * c - v for c, v in zip(sphere["center"], found)]
+        notes = [{"label": "here", "text": "More", "point": found},
+                 {"label": "there", "point": other}]
+        with self.explained({"notes": notes}) as server:
+            page = self.browser.open(server.url + "#view=30,20,3", SIZE, SIZE)
+            page.settle()
+            behind = ("[...slf.root.querySelectorAll('.note')].map("
+                      "(note) => note.classList.contains('behind')).join()")
+            page.wait(behind + " === 'false,true'", 10)
+            page.run("slf.flyTo('210,-20,3')")
+            page.wait(behind + " === 'true,false'", 20)
+            page.close()
+
+    def phone(self, server, fragment=""):
+        page = self.browser.open("about:blank", 390, 844)
+        page.call("Emulation.setTouchEmulationEnabled", enabled=True)
+        page.call("Page.navigate", url=server.url + fragment)
+        page.settle()
+        return page
+
+    def test_labels_of_notes_do_not_overlap_on_a_phone(self):
+        sphere = json.loads(slf("info", self.fields[0], "--json"))["sphere"]
+        notes = [{"label": f"Number {i} of several", "point": [
+            c + 0.1 * sphere["radius"] * (i % d - 1) for c, d in zip(sphere["center"], [2, 3, 4])]}
+            for i in range(8)]
+        with self.explained({"notes": notes}) as server:
+            page = self.phone(server, "#view=30,20,1.5")
+            page.run("slf.probe = () => [], slf.moved(), 0")  # nothing is in front of them
+            page.wait("slf.root.querySelectorAll('.note:not(.behind)').length === 8")
+            page.screenshot(path("notes.png"))
+            found = page.run("""[...slf.root.querySelectorAll('.note:not(.crowded)')].map((note) =>
+                (({left, top, right, bottom}) => [left, top, right, bottom])(
+                  note.getBoundingClientRect()))""")
+            self.assertGreater(len(found), 2)
+            for i, a in enumerate(found):
+                self.assertTrue(a[0] >= 0 and a[1] >= 0 and a[2] <= 390 and a[3] <= 844, a)
+                for b in found[:i]:
+                    self.assertTrue(a[2] <= b[0] or b[2] <= a[0] or a[3] <= b[1] or b[3] <= a[1])
+            page.close()
+
+    def test_the_scale_bar_and_the_compass_are_beside_the_views(self):
+        with self.explained({"views": [{"title": "A view", "orbit": [30, 10, 2.5]}]}) as server:
+            for width in (390, 650, 900, 1100):
+                page = self.browser.open(server.url, width, 600)
+                page.settle()
+                page.run("slf.root.getElementById('compass').hidden = false, 0")
+                views, *others = page.run("""['views', 'scale', 'compass'].map((id) =>
+                    (({left, top, right, bottom}) => [left, top, right, bottom])(
+                      slf.root.getElementById(id).getBoundingClientRect()))""")
+                with self.subTest(width=width):
+                    for a in others:
+                        self.assertLess(a[0], a[2])
+                        self.assertTrue(views[2] <= a[0] or a[3] <= views[1], (views, a))
+                page.close()
+
+    def test_the_compass_has_letters_of_patients_only_where_the_source_states_them(self):
+        with Server(self.fields[0]) as server:
+            page = self.browser.open(server.url, SIZE, SIZE)
+            page.settle()
+            for space, letters in [("undefined", "xyz"), ("'LPS'", "AILPRS")]:
+                found = page.run(f"""(() => {{
+                    slf.field.manifest.provenance.space = {space};
+                    slf.root.getElementById('marks').checked = true;
+                    slf.root.host.drawMarks();
+                    return slf.root.getElementById('compass').textContent;
+                }})()""")
+                self.assertEqual("".join(sorted(found)), letters)
+            page.close()
+
+    def test_swipes_and_copying_a_view(self):
+        views = [{"title": f"View {i}", "orbit": [30 * i, 10, 2.5]} for i in range(3)]
+        with self.explained({"views": views}) as server:
+            page = self.phone(server)
+            box = page.run("(({left, top, width, height}) => [left + width / 2, top + height / 2])"
+                           "(slf.root.getElementById('views').getBoundingClientRect())")
+
+            def swipe(by):
+                for kind, x in [("touchStart", box[0] - by / 2), ("touchMove", box[0]),
+                                ("touchMove", box[0] + by / 2), ("touchEnd", None)]:
+                    page.call("Input.dispatchTouchEvent", type=kind,
+                              touchPoints=[] if x is None else [{"x": x, "y": box[1]}])
+
+            for by, orbit in [(-120, "30,10,2.5"), (-120, "60,10,2.5"), (120, "30,10,2.5")]:
+                swipe(by)
+                page.wait(f"slf.camera.toText() === '{orbit}'", 20)
+            swipe(20)  # too short
+            page.run("slf.camera.fromText('12.5,-40,2.25,0.1,0,0.2'), slf.moved(), 0")
+            page.run("navigator.clipboard.writeText = async (text) => { globalThis.copied = text }, "
+                     "slf.root.getElementById('copy').click(), 0")
+            page.wait("globalThis.copied")
+            copied = json.loads(page.run("copied"))
+            page.close()
+        with self.explained({"views": [copied]}) as server:
+            page = self.browser.open(server.url, SIZE, SIZE)
+            page.settle()
+            camera = page.run("slf.camera.toText()").split(",")
+            for found, expected in zip(camera, [12.5, -40, 2.25, 0.1, 0, 0.2], strict=True):
+                self.assertAlmostEqual(float(found), expected, places=3)
+            page.close()
+
+    def test_wrong_views_are_refused(self):
+        for content, place in [
+                ('{"views": [{"title": "a", "orbit": [0, 0, 0.5]}]}', "views[0].orbit: expected"),
+                ('{"views": [],\n "notes": [}', "line 2: this is no JSON"),
+                ('{"notes": [{"label": "a", "point": [1, 2]}]}', "notes[0].point: expected three"),
+                ('{"notes": [{"label": "a", "at": 1}]}', 'no member "at" is known'),
+                ('[]', 'expected an object with the lists "views" and "notes"')]:
+            with open(path("wrong.json"), "w") as file:
+                file.write(content)
+            for command in [["export", self.fields[0], "-o", path("wrong.html"), "-f"],
+                            ["view", self.fields[0]]]:
+                done = subprocess.run([SLF, "-q", *command, "--views", path("wrong.json")],
+                                      capture_output=True, text=True, timeout=30)
+                self.assertNotEqual(done.returncode, 0)
+                self.assertIn(place, done.stderr)
+                self.assertIn("wrong.json", done.stderr)
+
+    def test_the_ruler_measures_a_phantom(self):
+        """A cube of 12 voxels, from one face to the opposite one."""
+        field = path("phantom.slf")
+        with open(path("opaque.json"), "w") as file:
+            json.dump([{"Name": "Opaque", "ColorSpace": "RGB", "ScalarOpacityUnitDistance": 0.1,
+                        "Points": [0, 0, 0.5, 0, 104, 0, 0.5, 0, 106, 1, 0.5, 0, 255, 1, 0.5, 0],
+                        "RGBPoints": [0, 1, 0.9, 0.8, 255, 1, 0.9, 0.8]}], file)
+        with open(path("phantom.nhdr"), "w") as file:
+            file.write("""NRRD0004
+type: uint8
+dimension: 3
+space: left-posterior-superior
+sizes: 24 24 24
+space directions: (2,0,0) (0,2,0) (0,0,2)
+space units: "mm" "mm" "mm"
+encoding: raw
+data file: cube.raw
+""")
+        slf("build", path("phantom.nhdr"), "--levels", 1, "--transfer", path("opaque.json"),
+            "--entry", 8, "--exit", 32, "-o", field, "-f")
+        picked = json.loads(slf("pick", field, "--size", "64x64", "32,32", "--json"))
+        self.assertEqual(picked["unit"], "mm")
+        with Server(field) as server:
+            page = self.browser.open(server.url + "#view=0,0,3&level=1", SIZE, SIZE)
+            page.settle()
+            self.press(page, "m")
+            for view in ["180,0,3", "90,0,3"]:
+                self.press(page, "Enter")
+                page.run(f"slf.flyTo('{view}')")
+                page.settle()
+            said = page.run("slf.root.getElementById('status').textContent")
+            self.assertTrue(said.endswith(" mm"), said)
+            length, error = map(float, said[:-3].removeprefix("Distance: ").split(" ± "))
+            self.assertLessEqual(abs(length - 24), 2)
+            self.assertLess(0, error)
+            self.assertLess(error, 4)
+            # The scale bar spans its length on the face that is seen, from anywhere.
+            for view in ["0,0,3", "0,0,1.2", "0,0,1.6,0,0,0.2", "0,0,7"]:
+                page.run(f"slf.flyTo('{view}')")
+                page.settle()
+                length, text, a, b = page.run("""new Promise((done) => setTimeout(done, 300)).then(
+                  () => {
+                    const bar = slf.root.getElementById('scale');
+                    const half = bar.querySelector('i').getBoundingClientRect().width / 2;
+                    const at = (x) => slf.pick(slf.canvas.clientWidth / 2 + x,
+                                               slf.canvas.clientHeight / 2)?.point;
+                    return [parseFloat(bar.textContent), bar.innerText, at(-half), at(half)];
+                  })""")
+                with self.subTest(view=view):
+                    self.assertRegex(text, r"^[\d.]+ mm$")
+                    if a and b:
+                        self.assertAlmostEqual(math.dist(a, b), length, delta=0.1 * length)
+                    else:
+                        self.assertGreater(view, "0,0,3")  # the bar is longer than the face
+            page.run("slf.flyTo('0,0,3,1,0,1')")  # past the cube
+            page.wait("slf.root.getElementById('scale').hidden", 10)
+            page.close()
+        with Server(path("lit.slf")) as server:  # of a volume without a unit
+            page = self.browser.open(server.url, SIZE, SIZE)
+            page.settle()
+            self.assertRegex(page.run("slf.root.getElementById('scale').ariaLabel"),
+                             r"^Scale: the bar is [\d.]+ units of the volume long$")
+            page.close()
+
+    # ---- embedding ------------------------------------------------------------------------------
+
+    def test_two_elements_of_two_hosts_on_one_page(self):
+        """The package for npm, installed, on a page whose policy forbids inline scripts."""
+        if not shutil.which("npm"):
+            self.skipTest("no npm")
+        folder = path("embedding")
+        shutil.rmtree(folder, ignore_errors=True)
+        subprocess.run([os.path.join(ROOT, "scripts/npm-package"), SLF, folder], check=True)
+        package, = [name for name in os.listdir(folder) if name.endswith(".tgz")]
+        subprocess.run(["npm", "install", "--silent", "--offline", "--prefix", folder,
+                        os.path.join(folder, package)], check=True)
+        site = self.site()
+        shutil.copy(os.path.join(site, "field.slf"), folder)
+        with Host(site, headers={"Access-Control-Allow-Origin": "*"}) as other:
+            with open(os.path.join(folder, "index.html"), "w") as file:
+                file.write(f"""<!doctype html><title>Two</title>
+<link rel="stylesheet" href="page.css">
+<slf-field id="a" src="field.slf" view="60,10,3"></slf-field><p>Text</p>
+<slf-field id="b" src="{other.url}/field.slf"></slf-field>
+<div class="far"></div><slf-field id="c" src="field.slf"></slf-field>
+<script type="module" src="page.js"></script>""")
+            with open(os.path.join(folder, "page.css"), "w") as file:
+                file.write("slf-field { width: 240px; height: 80px } .far { height: 3000px }")
+            with open(os.path.join(folder, "page.js"), "w") as file:
+                file.write("""globalThis.heard = [];
+for (const name of ['ready', 'camera', 'pick', 'error'])
+  document.addEventListener(name, ({type, target}) => heard.push(type + target.id));
+const {SlfField} = await import('./node_modules/slf-field/slf-field.js');
+globalThis.right = document.getElementById('a') instanceof SlfField;""")
+            policy = ("default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; worker-src blob:; "
+                      f"style-src 'self'; connect-src 'self' {other.url}")
+            with Host(folder, headers={"Content-Security-Policy": policy}) as host:
+                page = self.open(host.url + "/index.html")
+                page.wait("['a', 'b'].every((id) => document.getElementById(id).viewer?.state === "
+                          "'settled')")
+                self.assertTrue(page.run("right"))
+                heard = page.run("heard")
+                self.assertLessEqual({"readya", "readyb"}, set(heard))
+                self.assertNotIn("readyc", heard)  # out of sight
+                self.assertEqual(page.run("document.activeElement.tagName"), "BODY")
+                self.assertEqual(page.run("document.getElementById('a').viewer.camera.toText()"),
+                                 "60,10,3")
+                self.assertEqual(page.run("location.hash"), "")
+                page.call("Input.dispatchMouseEvent", type="mouseWheel", x=120, y=40, deltaX=0,
+                          deltaY=100)
+                page.wait("scrollY > 0")  # the page scrolls
+                self.assertEqual(page.run("document.getElementById('a').viewer.camera.distance"), 3)
+                page.run("document.getElementById('a').flyTo('10,0,2.5')", 20)
+                self.assertIn("cameraa", page.run("heard"))
+                self.assertTrue(page.run("document.getElementById('a').picture().then("
+                                         "(file) => file.type === 'image/png' && file.size > 500)"))
+                found = page.run("document.getElementById('a').pick(120, 40)")
+                self.assertEqual(len(found["point"]), 3)
+                self.assertIsNone(page.run("document.getElementById('a').pick(1, 1)"))
+                self.assertNotIn("errora", page.run("heard"))
+                page.close()
+
+    def test_an_exported_page_has_a_poster_and_needs_no_inline_script(self):
+        folder = self.site()
+        with open(os.path.join(folder, "index.html")) as file:
+            html = file.read()
+        self.assertIn('<meta property="og:image" content="poster.jpg">', html)
+        self.assertNotIn("<title>Sphere light field", html)
+        self.assertLess(os.path.getsize(os.path.join(folder, "page.js")), 110000)
+        for name in ["poster.jpg", "poster-light.jpg"]:
+            self.assertLessEqual(os.path.getsize(os.path.join(folder, name)), 40 << 10)
+        policy = ("default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; worker-src blob:; "
+                  "style-src 'self'; connect-src 'self'; img-src 'self' data:")
+        with Host(folder, headers={"Content-Security-Policy": policy}) as host:
+            self.assertEqual(self.outcome(host.url + "/index.html", "settled"), "")
+
+    # ---- access ---------------------------------------------------------------------------------
+
+    def test_access(self):
+        """axe-core, and the size of all targets, on a desktop and on a phone."""
+        axe = path("axe/node_modules/axe-core/axe.min.js")
+        if not os.path.exists(axe) and (not shutil.which("npm") or subprocess.run(
+                ["npm", "install", "--silent", "--prefix", path("axe"), "axe-core@4"],
+                timeout=120).returncode):
+            self.skipTest("no axe-core: npm cannot install it here")
+        with open(axe) as file:
+            script = file.read()
+        views = {"views": [{"title": "Left", "text": "A text", "orbit": [90, 0, 3]}],
+                 "notes": [{"label": "Note", "text": "More", "point": [0, 0, 0]}]}
+        panels = [("h", "settings"), ("l", "parts")]  # on a phone, the last one that is opened shows
+        with self.explained(views, self.structured()) as server:
+            for (width, height), dark in [((1280, 800), True), ((1280, 800), False),
+                                          ((390, 844), True), ((390, 844), False)]:
+                page = self.browser.open(server.url, width, height, dark=dark)
+                page.settle()
+                for key, panel in panels if dark else panels[::-1]:
+                    if page.run(f"slf.root.getElementById('{panel}').hidden"):
+                        self.press(page, key)
+                page.run(script + "; 0")
+                found = page.run("""axe.run(document, {runOnly: [
+                    'wcag2a', 'wcag2aa', 'wcag21a', 'wcag21aa', 'wcag22aa']}).then(
+                    ({violations}) => violations.map(({id, nodes}) =>
+                      [id, ...nodes.map(({target, failureSummary}) =>
+                        [target.flat().join(' '), failureSummary])]))""", 120)
+                with self.subTest(width=width, dark=dark):
+                    self.assertEqual(found, [])
+                    small = page.run("""[...slf.root.querySelectorAll(
+                        'button, select, input, label')]
+                      .filter((e) => e.offsetParent && !e.closest('label label, .check input'))
+                      .filter((e) => !e.closest('label') || e.matches('label'))
+                      .map((e) => [e.id || e.textContent.trim(), e.getBoundingClientRect()])
+                      .filter(([, {width, height}]) => Math.min(width, height) < 43.5)
+                      .map(([name, {width, height}]) => `${name} ${width} ${height}`)""")
+                    self.assertEqual(small, [])
+                page.close()
+
+
+FOV = 2 * 19.471220634490695  # degrees: asin(1/3), twice
+
+if __name__ == "__main__":
+    if not shutil.which("chromium"):
+        print("skipped: no chromium")
+        sys.exit(77)
+    probe = subprocess.run([SLF, "export", "-o", "/dev/null/x.html", "/nonexistent.slf"],
+                           capture_output=True)
+    if probe.returncode == 5:
+        print("skipped: slf was built without the page")
+        sys.exit(77)
+    unittest.main(argv=sys.argv[:1], verbosity=2)
