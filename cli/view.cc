@@ -16,7 +16,7 @@ namespace {
 constexpr const char* kViews = "Saved views and notes that the page shows (schemas/views.json)";
 constexpr const char* kViewsFile = "VIEWS.json";
 /// What the page shows first.
-struct FirstArguments : view::First {
+struct FirstArguments : page::First {
   void add_to(CLI::App& command) {
     add_state(command, "--state", state,
               "The state that the page shows first: its name or number, from 0");
@@ -47,17 +47,17 @@ void open_browser(const std::string& url) {
 }
 
 Result<void> run_view(const ViewArguments& arguments) {
-  if (view::page_files().empty()) return fail(ErrorCode::unsupported, view::no_page());
-  view::ServerOptions options;
+  if (page::page_files().empty()) return fail(ErrorCode::unsupported, page::no_page());
+  page::ServerOptions options;
   options.port = arguments.port;
   options.frames = arguments.frames;
-  if (!arguments.views.empty()) options.views = SLF_TRY(view::read_views(arguments.views));
+  if (!arguments.views.empty()) options.views = SLF_TRY(page::read_views(arguments.views));
   options.first = arguments.first;
   if (!arguments.bind.empty()) {
     options.address = arguments.bind;
     options.any_host = true;
   }
-  auto server = SLF_TRY(hinted(view::Server::make(arguments.fields, options)));
+  auto server = SLF_TRY(hinted(page::Server::make(arguments.fields, options)));
   if (arguments.json)
     print_json({{"url", server.url()}});
   else
@@ -72,20 +72,20 @@ Result<void> run_view(const ViewArguments& arguments) {
 struct ExportArguments {
   std::string field, output, views;
   FirstArguments first;
-  view::ExportOptions options;
+  page::ExportOptions options;
   bool force = false, json = false;
 };
 
 Result<void> run_export(const ExportArguments& a) {
-  view::ExportOptions options = a.options;
+  page::ExportOptions options = a.options;
   options.existing = a.force ? Existing::replace : Existing::keep;
-  if (!a.views.empty()) options.views = SLF_TRY(view::read_views(a.views));
+  if (!a.views.empty()) options.views = SLF_TRY(page::read_views(a.views));
   options.first = a.first;
   if (!options.states.empty()) {
     const auto field = SLF_TRY(open_field(a.field));
     options.states = join_names(field, options.states);
   }
-  const auto exported = view::export_field(a.field, a.output, options,
+  const auto exported = page::export_field(a.field, a.output, options,
                                            progress_bar("export", "tiles", OnSignal::stop),
                                            progress_bar("export", "bytes", OnSignal::stop));
   SLF_TRY(with_force(hinted(exported).map([](const auto&) {})));

@@ -1,6 +1,6 @@
 // Draws a view of a field and prints its mean colour:
 //   mean_color FIELD.slf
-// Links slf::render alone, and with it no library for volumes, picture files or writing.
+// Links slf::core alone, and with it no library for volumes, picture files or writing.
 #include <cstdio>
 
 #include "slf/camera.h"

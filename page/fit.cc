@@ -8,7 +8,7 @@
 
 #include "base/try.h"
 
-namespace slf::view {
+namespace slf::page {
 namespace {
 
 constexpr std::array kQualities = {90, 75, 60, 45};
@@ -59,4 +59,4 @@ Result<RepackReport> repack_to_fit(std::span<const StateSource> states, const st
                 " bytes; there is room for ", max_bytes);
 }
 
-}  // namespace slf::view
+}  // namespace slf::page

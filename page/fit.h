@@ -8,7 +8,7 @@
 #include "slf/error.h"
 #include "slf/repack.h"
 
-namespace slf::view {
+namespace slf::page {
 
 /// Repacks states into a field of at most `max_bytes` bytes, with the least loss of quality: with
 /// all levels, tries the field's own codecs, then qualities 90, 75, 60 and 45; then the qualities
@@ -22,4 +22,4 @@ namespace slf::view {
                                                  std::uint64_t max_bytes,
                                                  const ProgressCallback& progress);
 
-}  // namespace slf::view
+}  // namespace slf::page

@@ -20,7 +20,7 @@
 #include "base/ascii.h"
 #include "base/guarded.h"
 
-namespace slf::view {
+namespace slf::page {
 namespace {
 
 using Clock = std::chrono::steady_clock;
@@ -288,4 +288,4 @@ Result<void> HttpServer::run(const Answer& answer, const std::function<bool()>& 
   });
 }
 
-}  // namespace slf::view
+}  // namespace slf::page

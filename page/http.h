@@ -16,7 +16,7 @@
 #include "page/ranges.h"
 #include "slf/error.h"
 
-namespace slf::view {
+namespace slf::page {
 
 struct Request {
   std::string method, path;  ///< the path as it was sent, without a query
@@ -73,4 +73,4 @@ class HttpServer {
   int listener_ = -1;
 };
 
-}  // namespace slf::view
+}  // namespace slf::page

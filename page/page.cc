@@ -16,7 +16,7 @@
 #undef PAGE_FILE
 #endif
 
-namespace slf::view {
+namespace slf::page {
 
 std::span<const PageFile> page_files() {
 #ifdef SLF_PAGE_FILES
@@ -43,4 +43,4 @@ std::string no_page() {
          "WebAssembly or esbuild was missing; run scripts/install-packages and build again";
 }
 
-}  // namespace slf::view
+}  // namespace slf::page

@@ -5,7 +5,7 @@
 #include <string>
 #include <string_view>
 
-namespace slf::view {
+namespace slf::page {
 
 struct PageFile {
   std::string_view name;  ///< "index.html", "page.js", …
@@ -20,4 +20,4 @@ struct PageFile {
 /// The error message of a program without a page: the reason, and what to do.
 [[nodiscard]] std::string no_page();
 
-}  // namespace slf::view
+}  // namespace slf::page

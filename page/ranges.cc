@@ -4,7 +4,7 @@
 
 #include "base/ascii.h"
 
-namespace slf::view {
+namespace slf::page {
 namespace {
 
 /// Parses one range and appends it to `parts`, unless it is beyond the end of the file. False: the
@@ -43,4 +43,4 @@ std::optional<std::vector<FilePart>> select_ranges(std::string_view header, std:
   }
 }
 
-}  // namespace slf::view
+}  // namespace slf::page

@@ -7,7 +7,7 @@
 #include <string_view>
 #include <vector>
 
-namespace slf::view {
+namespace slf::page {
 
 /// A part of a file, of one byte at least.
 struct FilePart {
@@ -24,4 +24,4 @@ inline constexpr std::size_t kMaxRanges = 200;  ///< of one request
 [[nodiscard]] std::optional<std::vector<FilePart>> select_ranges(std::string_view header,
                                                                  std::uint64_t size);
 
-}  // namespace slf::view
+}  // namespace slf::page

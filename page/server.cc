@@ -25,7 +25,7 @@
 #include "page/site.h"
 #include "slf/field.h"
 
-namespace slf::view {
+namespace slf::page {
 namespace {
 
 /// Who may show the page in a frame comes last.
@@ -345,4 +345,4 @@ Result<void> Server::run(const std::function<bool()>& stop) {
   return state_->http.run([this](const Request& request) { return state_->answer(request); }, stop);
 }
 
-}  // namespace slf::view
+}  // namespace slf::page

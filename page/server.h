@@ -15,7 +15,7 @@
 #include "page/views.h"
 #include "slf/error.h"
 
-namespace slf::view {
+namespace slf::page {
 
 struct ServerOptions {
   /// A numeric address or host name of this machine. Other machines cannot reach a loopback
@@ -60,4 +60,4 @@ class Server {
   std::unique_ptr<State> state_;
 };
 
-}  // namespace slf::view
+}  // namespace slf::page

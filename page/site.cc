@@ -24,7 +24,7 @@
 #include "slf/inspect.h"
 #include "slf/render.h"
 
-namespace slf::view {
+namespace slf::page {
 namespace {
 
 namespace fs = std::filesystem;
@@ -340,4 +340,4 @@ Result<Field> export_field(const std::string& input, const std::string& output,
   return exported;
 }
 
-}  // namespace slf::view
+}  // namespace slf::page

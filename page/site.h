@@ -11,7 +11,7 @@
 #include "slf/progress.h"
 #include "slf/repack.h"
 
-namespace slf::view {
+namespace slf::page {
 
 /// The largest field in bytes for an export as one file. Browsers would not load larger pages.
 inline constexpr std::uint64_t kMaxEmbeddedBytes = std::uint64_t{1} << 30;
@@ -49,4 +49,4 @@ struct ExportOptions {
                                          const ProgressCallback& tiles = {},
                                          const ProgressCallback& bytes = {});
 
-}  // namespace slf::view
+}  // namespace slf::page

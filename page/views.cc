@@ -14,7 +14,7 @@
 #include "field/structure_looks.h"
 #include "page/site.h"
 
-namespace slf::view {
+namespace slf::page {
 namespace {
 
 using nlohmann::json;
@@ -189,4 +189,4 @@ Result<void> begin_with(const First& first, const Field& field, Views& views) {
   return {};
 }
 
-}  // namespace slf::view
+}  // namespace slf::page

@@ -13,7 +13,7 @@
 #include "slf/field.h"
 #include "slf/shape.h"
 
-namespace slf::view {
+namespace slf::page {
 
 struct ViewsFile {
   std::string name;  ///< for messages
@@ -46,4 +46,4 @@ struct First {
 /// that the views show.
 [[nodiscard]] Result<void> begin_with(const First& first, const Field& field, Views& views);
 
-}  // namespace slf::view
+}  // namespace slf::page

@@ -27,15 +27,6 @@
 
 namespace slf {
 
-/// What a ray shows, if not matter that absorbs and scatters light.
-enum class Projection : std::uint8_t {
-  none,
-  maximum,  ///< the greatest value along the ray (MIP), in the transfer function's colour and
-            ///< opacity of a unit; depth is where it was found
-  minimum,  ///< the least one
-  mean,     ///< the mean
-};
-
 /// A cut through a volume. What lies on the side of the plane that its normal points to is removed;
 /// the face of the cut is a surface.
 struct ClipPlane {

@@ -136,4 +136,13 @@ struct TransferPreset {
 /// The preset JSON of a function: parse_transfer gives the same function back.
 [[nodiscard]] std::string to_json(const TransferFunction& transfer);
 
+/// What a ray shows, if not matter that absorbs and scatters light.
+enum class Projection : std::uint8_t {
+  none,
+  maximum,  ///< the greatest value along the ray (MIP), in the transfer function's colour and
+            ///< opacity of a unit; depth is where it was found
+  minimum,  ///< the least one
+  mean,     ///< the mean
+};
+
 }  // namespace slf

@@ -19,8 +19,8 @@ namespace {
 /// Serves a field on a thread of its own until it is closed.
 class ViewServer {
  public:
-  ViewServer(const Text& field, const view::ServerOptions& options)
-      : server_(value_of(view::Server::make({{field}}, options), field)),
+  ViewServer(const Text& field, const page::ServerOptions& options)
+      : server_(value_of(page::Server::make({{field}}, options), field)),
         thread_([this] { (void)server_.run([this] { return stop_.load(); }); }) {}
   ~ViewServer() { close(); }
   ViewServer(const ViewServer&) = delete;
@@ -34,23 +34,23 @@ class ViewServer {
   }
 
  private:
-  view::Server server_;
+  page::Server server_;
   std::atomic<bool> stop_{false};
   std::thread thread_;
 };
 
 void check_page() {
-  if (view::page_files().empty()) throw Failure({ErrorCode::unsupported, view::no_page()}, "");
+  if (page::page_files().empty()) throw Failure({ErrorCode::unsupported, page::no_page()}, "");
 }
 
 /// Views as Python has them: a name for messages, and JSON, or none to read the file of that name.
-view::ViewsFile views_of(const Text& name, const std::optional<Text>& json) {
+page::ViewsFile views_of(const Text& name, const std::optional<Text>& json) {
   if (name.empty()) return {};
-  return json ? view::ViewsFile{name, *json} : value_of(view::read_views(name), name);
+  return json ? page::ViewsFile{name, *json} : value_of(page::read_views(name), name);
 }
 
-view::First first_of(const Text& state, const LookTuples& structures) {
-  view::First first{state};
+page::First first_of(const Text& state, const LookTuples& structures) {
+  page::First first{state};
   for (const StructureLook& look : looks_of(structures)) first.structures.push_back(text_of(look));
   return first;
 }
@@ -60,7 +60,7 @@ py::object export_field(const Text& field, const Text& output, const Text& views
                         const LookTuples& structures, const Texts& states, const std::string& codec,
                         bool depth, std::optional<unsigned> levels, std::uint64_t max_size,
                         unsigned threads, bool force, py::object progress) {
-  view::ExportOptions options;
+  page::ExportOptions options;
   options.states.assign(states.begin(), states.end());
   options.repack.codec = codec;
   options.repack.depth = depth;
@@ -72,7 +72,7 @@ py::object export_field(const Text& field, const Text& output, const Text& views
   options.existing = force ? Existing::replace : Existing::keep;
   LongCall call(std::move(progress));
   const Field exported = call.value(field, [&] {
-    auto written = view::export_field(field, output, options, call.progress(), call.progress());
+    auto written = page::export_field(field, output, options, call.progress(), call.progress());
     if (!written && std::string_view(written.error().choice ? written.error().choice : "")
                         .starts_with("replace"))
       written.error().message += "; force=True overwrites it";
@@ -89,7 +89,7 @@ void bind_views(py::module_& module) {
                        bool any_host, const Text& state, const LookTuples& structures) {
         check_page();
         return std::make_unique<ViewServer>(
-            field, view::ServerOptions{.any_host = any_host,
+            field, page::ServerOptions{.any_host = any_host,
                                        .views = views_of(views, json),
                                        .first = first_of(state, structures)});
       }))

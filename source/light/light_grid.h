@@ -14,6 +14,8 @@
 #include <utility>
 #include <vector>
 
+#include "source/volume/voxels.h"
+
 namespace slf {
 
 /// What arrives at matter, as far as it varies slowly in space. Matter with the normal n, of which
@@ -37,12 +39,6 @@ struct ArrivingLight {
 
 /// Luminance of linear RGB, Rec. 709.
 inline constexpr glm::vec3 kLuminance{0.2126f, 0.7152f, 0.0722f};
-
-/// The number of a place in a grid of these dimensions, x fastest.
-[[nodiscard]] inline std::size_t number_in(const std::array<std::int32_t, 3>& dims,
-                                           const glm::ivec3& at) {
-  return (static_cast<std::size_t>(at.z) * dims[1] + at.y) * dims[0] + at.x;
-}
 
 /// A light of the rig, as rays see its middle. Padded for vectors.
 struct GridLight {

@@ -5,7 +5,7 @@
 #include <type_traits>
 
 #undef HWY_TARGET_INCLUDE
-#define HWY_TARGET_INCLUDE "source/raycast/medium_kernel.cc"
+#define HWY_TARGET_INCLUDE "source/medium/medium_kernel.cc"
 #include <hwy/foreach_target.h>  // compiles this file once per instruction set
 #include <hwy/highway.h>
 

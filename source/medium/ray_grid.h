@@ -9,7 +9,7 @@
 #include <span>
 #include <vector>
 
-#include "slf/raycaster.h"
+#include "slf/transfer.h"
 #include "slf/volume.h"
 #include "source/medium/transfer_table.h"
 #include "source/volume/voxels.h"

@@ -82,7 +82,7 @@ Result<TransferPreset> read_volume_property(const pugi::xml_node& property,
 bool looks_like_xml(std::string_view text) { return trim(text).starts_with('<'); }
 
 Presets parse_xml(std::string_view text, const std::string& source) {
-  const auto xml = SLF_TRY(parse_xml(text, source));
+  const auto xml = SLF_TRY(slf::parse_xml(text, source));
   std::vector<TransferPreset> presets;
   for (const pugi::xml_node& element : elements_of(*xml)) {
     const auto kind = name_of(element);

@@ -2,14 +2,22 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdint>
+#include <glm/glm.hpp>
 #include <span>
 #include <type_traits>
 
 #include "slf/volume.h"
 
 namespace slf {
+
+/// The number of a place in a grid of these dimensions, x fastest.
+[[nodiscard]] inline std::size_t number_in(const std::array<std::int32_t, 3>& dims,
+                                           const glm::ivec3& at) {
+  return (static_cast<std::size_t>(at.z) * dims[1] + at.y) * dims[0] + at.x;
+}
 
 /// Calls `visitor` with a zero of the C++ type that this is, and returns what it returns:
 /// `with_type(type, []<class T>(T) { return sizeof(T); })`

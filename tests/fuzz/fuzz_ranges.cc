@@ -8,7 +8,7 @@
 #include "page/ranges.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t length) {
-  using namespace slf::view;
+  using namespace slf::page;
   std::uint64_t size = 0;
   if (length < sizeof size) return 0;
   std::memcpy(&size, data, sizeof size);

@@ -8,7 +8,7 @@
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t length) {
   const std::string_view head(reinterpret_cast<const char*>(data), length);
-  const auto request = slf::view::parse_request(head);
+  const auto request = slf::page::parse_request(head);
   if (!request) return 0;
   const auto has = [](std::string_view text, std::string_view any) {
     return text.find_first_of(any) != std::string_view::npos;

@@ -10,7 +10,7 @@
 
 #include "tests/field/write/rewriting.h"
 
-namespace slf::view {
+namespace slf::page {
 namespace {
 
 class Fit : public ::testing::Test {
@@ -100,4 +100,4 @@ TEST_F(Fit, WhatTheOptionsFixStays) {
 }
 
 }  // namespace
-}  // namespace slf::view
+}  // namespace slf::page

@@ -6,7 +6,7 @@
 #include <utility>
 #include <vector>
 
-namespace slf::view {
+namespace slf::page {
 namespace {
 
 using Parts = std::vector<std::pair<std::uint64_t, std::uint64_t>>;  // first byte and size
@@ -49,4 +49,4 @@ TEST(Ranges, ThatAreMalformedOrTooMuchSelectTheWholeFile) {
 }
 
 }  // namespace
-}  // namespace slf::view
+}  // namespace slf::page

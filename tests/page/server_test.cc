@@ -24,7 +24,7 @@
 #include "page/page.h"
 #include "page/ranges.h"
 
-namespace slf::view {
+namespace slf::page {
 namespace {
 
 using ::testing::HasSubstr;
@@ -608,4 +608,4 @@ TEST(ViewServer, ServesOthersWhileSomeStall) {
 }
 
 }  // namespace
-}  // namespace slf::view
+}  // namespace slf::page

@@ -5,7 +5,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-namespace slf::view {
+namespace slf::page {
 namespace {
 
 using ::testing::HasSubstr;
@@ -59,4 +59,4 @@ TEST(Views, ErrorsNameThePlaceAndWhatIsExpected) {
 }
 
 }  // namespace
-}  // namespace slf::view
+}  // namespace slf::page
