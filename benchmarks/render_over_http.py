@@ -20,7 +20,7 @@ import time
 
 ROOT = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..")
 sys.dont_write_bytecode = True
-sys.path.insert(0, os.path.join(ROOT, "tests", "view"))
+sys.path.insert(0, os.path.join(ROOT, "tests", "page"))
 
 from host import Host
 

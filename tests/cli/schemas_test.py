@@ -15,7 +15,7 @@ import tempfile
 import jsonschema
 
 HERE = pathlib.Path(__file__).resolve().parent
-sys.path.insert(0, str(HERE.parent / "view"))
+sys.path.insert(0, str(HERE.parent / "page"))
 sys.dont_write_bytecode = True
 
 import host
