@@ -53,7 +53,8 @@ TileMemory::Block TileMemory::allocate(std::size_t bytes) {
   const std::lock_guard lock(mutex_);
   const auto found = free_by_size_.lower_bound({free.bytes_, 0});  // the smallest that fits
   if (found == free_by_size_.end()) {
-    // Not aligned_alloc(): glibc before 2.38 cannot reuse what that frees for a block of equal size.
+    // Not aligned_alloc(): glibc before 2.38 cannot reuse what that frees for a block of equal
+    // size.
     free.heap_ = std::make_unique_for_overwrite<std::byte[]>(free.bytes_ + kLine);
     const auto at = reinterpret_cast<std::uintptr_t>(free.heap_.get());
     std::byte* const block = free.heap_.get() + (whole_lines(at) - at);

@@ -9,11 +9,10 @@
 
 #include "base/join.h"
 #include "base/try.h"
-#include "source/raycast/provenance.h"
-#include "source/volume/units.h"
 #include "slf/image.h"
 #include "slf/scene_description.h"
 #include "source/raycast/provenance.h"
+#include "source/volume/units.h"
 
 namespace slf {
 namespace {

@@ -137,10 +137,8 @@ Result<Volume> read_segmentation(const std::string& source, const DicomStack& st
                          " pixels for segment ", slice.segment,
                          ", expected 1 or 8 bits for one of the segments 1 to 65535");
   }
-  Volume volume{.source = source,
-                .private_name = true,
-                .files = {slices.front().path},
-                .notes = stack.notes};
+  Volume volume{
+      .source = source, .private_name = true, .files = {slices.front().path}, .notes = stack.notes};
   const auto grid = SLF_TRY(grid_of_planes(slices, source));
   const DicomSlice& first = slices.front();
   SLF_TRY(place_in(grid, first, volume));

@@ -6,10 +6,10 @@
 #include <nlohmann/json.hpp>
 
 #include "base/try.h"
+#include "base/xml.h"
 #include "image/tiff_file.h"
 #include "source/volume/io.h"
 #include "source/volume/units.h"
-#include "base/xml.h"
 
 namespace slf::volume_io {
 

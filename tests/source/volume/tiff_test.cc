@@ -411,10 +411,9 @@ TEST(VolumeTiff, OmeSizesMayHaveAnyUnit) {
 TEST(VolumeTiff, SlicesMayBeCalledChannels) {
   const Folder folder;
   const Tiff six{.pages = {0, 1, 2, 0, 1, 2}};
-  for (const char* text :
-       {"ImageJ=1.11a\nimages=6\nchannels=6\nhyperstack=true\n",
-        "<OME><Image><Pixels DimensionOrder=\"XYCZT\" SizeZ=\"1\" SizeC=\"6\" "
-        "SizeT=\"1\"/></Image></OME>"}) {
+  for (const char* text : {"ImageJ=1.11a\nimages=6\nchannels=6\nhyperstack=true\n",
+                           "<OME><Image><Pixels DimensionOrder=\"XYCZT\" SizeZ=\"1\" SizeC=\"6\" "
+                           "SizeT=\"1\"/></Image></OME>"}) {
     Tiff t = six;
     t.description = text;
     const auto path = write_tiff(folder, "a.tif", t);
