@@ -3,6 +3,7 @@
 
 #include <optional>
 
+#include "slf/shape.h"
 #include "source/medium/ray_grid.h"
 
 namespace slf {

@@ -4,6 +4,7 @@
 
 #include <span>
 
+#include "slf/raycaster.h"
 #include "slf/scene.h"
 #include "source/light/light_grid.h"
 #include "source/medium/ray_grid.h"
