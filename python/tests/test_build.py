@@ -79,6 +79,9 @@ def test_spacing_affine_and_origin(voxels, command, tmp_path):
     file = write_mha(tmp_path / "a.mha", voxels, spacing, origin, turn)
     affine = np.eye(4)
     affine[:3, :3], affine[:3, 3] = turn * spacing, origin
+    # An affine is one to LPS, so the file has to say that its world is that, too.
+    stated = b"AnatomicalOrientation = RAI\nElementType"
+    file.write_bytes(file.read_bytes().replace(b"ElementType", stated, 1))
     assert same_fields(tmp_path, command, file, voxels, affine=affine)
     file = write_mha(tmp_path / "b.mha", voxels, spacing, origin)
     assert same_fields(tmp_path, command, file, voxels, spacing=spacing, origin=origin)
