@@ -1,7 +1,5 @@
 #include "base/parallel.h"
 
-#include <pthread.h>
-
 #include <list>
 #include <new>
 #include <system_error>
@@ -12,12 +10,9 @@ namespace {
 /// Threads that wait for work. Waking one costs a fraction of starting one.
 class ThreadPool {
  public:
-  /// Never destroyed: its threads wait for ever. After fork() they are missing in the child, and a
-  /// condition variable waits for them even to be destroyed, so the child begins a new pool.
+  /// Never destroyed: after fork() its threads are missing in the child, which could not join them.
   static ThreadPool& instance() {
     static auto* const pool = new ThreadPool;
-    static const int renewed = pthread_atfork(nullptr, nullptr, [] { new (pool) ThreadPool; });
-    (void)renewed;
     return *pool;
   }
 

@@ -3,8 +3,6 @@
 #include <dlfcn.h>
 #include <gtest/gtest.h>
 #include <pthread.h>
-#include <sys/wait.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <array>
@@ -13,7 +11,6 @@
 #include <stdexcept>
 
 #include "base/reporter.h"
-#include "tests/sanitized.h"
 
 namespace {
 std::atomic<int> threads_left{1 << 30};
@@ -81,38 +78,6 @@ TEST(OnThreads, AnExceptionOnAnotherThreadComesBack) {
   });
   ASSERT_FALSE(done);
   EXPECT_EQ(done.error().message, "out of memory");
-}
-
-/// A call in which `threads` threads are at work at once.
-bool takes(int threads) {
-  std::atomic<int> present{0};
-  return on_threads(static_cast<unsigned>(threads),
-                    [&] {
-                      ++present;
-                      while (present < threads) std::this_thread::yield();
-                    })
-      .has_value();
-}
-
-// Several times, and on more threads than before: each call finds the pool as the fork left it.
-TEST(OnThreads, AForkedProcessHasThreadsOfItsOwn) {
-#ifdef __SANITIZE_THREAD__
-  GTEST_SKIP() << "the thread sanitizer ends forked processes that start threads";
-#endif
-  for (int round = 0; round < testing::repetitions(50); ++round) {
-    ASSERT_TRUE(takes(4));
-    const pid_t child = fork();
-    if (child == 0) {
-      alarm(20);
-      bool all = true;
-      for (const int threads : {4, 2, 7, 4}) all = all && takes(threads);
-      _exit(all ? 0 : 1);
-    }
-    int status = 0;
-    waitpid(child, &status, 0);
-    ASSERT_EQ(status, 0) << "hangs";
-  }
-  EXPECT_TRUE(takes(5));
 }
 
 TEST(OnThreads, CallsNestAndComeFromSeveralThreads) {
