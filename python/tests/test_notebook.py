@@ -145,7 +145,7 @@ def test_a_build_keeps_the_files_of_its_settings(tmp_path):
          "Points": [0, 0, 0.5, 0, 1, 1, 0.5, 0]} for name in ("Other", "Mine")]))
     rig = tmp_path / "rig.json"
     rig.write_text(json.dumps({"lights": [{"direction": [0, 0, 1]}]}))
-    voxels = np.ones((4, 4, 4), np.uint8)
+    voxels = np.arange(64, dtype=np.uint8).reshape(4, 4, 4)
     voxels.tofile(tmp_path / "voxels.raw")
     mapped = np.memmap(tmp_path / "voxels.raw", np.uint8, "r", shape=(4, 4, 4))
     before = {file: file.read_bytes() for file in tmp_path.iterdir()}
