@@ -184,7 +184,7 @@ def _from_itk(image: Any) -> _Voxels:
     spacing = np.asarray(tuple(image.GetSpacing()), float)
     direction = np.asarray(image.GetDirection(), float).reshape(3, 3)  # columns are the axes
     # What a reader of ITK keeps of NRRD, NIfTI and DICOM says whether the world is a patient's.
-    kept: dict[str, Any] = getattr(image, "GetMetaDataKeys", tuple)()
+    kept: tuple[str, ...] = getattr(image, "GetMetaDataKeys", tuple)()
     return _Voxels(data, _place(tuple(image.GetOrigin()), (direction * spacing).T), source="image",
                    patient_axes=any(key in ("NRRD_space", "qform_code_name", "sform_code_name") or
                                     key.startswith("0020|") for key in kept))
