@@ -131,11 +131,11 @@ export class Field {
     const named = this.states.indexOf(text), number = Number(text ?? 0);
     return named >= 0 ? named : this.states[number] === undefined ? 0 : number;
   }
-  // Whether the name of each state or structure fits a pattern.
+  // Whether the name of each structure fits a pattern.
   fitting(pattern) {
     this.native.fill(new TextEncoder().encode(pattern));
-    const count = this.structures.length || this.states.length;
-    return [...this.native.bytes(this.native.calls.slf_fitting(), count)].map(Boolean);
+    const fitting = this.native.bytes(this.native.calls.slf_fitting(), this.structures.length);
+    return [...fitting].map(Boolean);
   }
   // Pages of the state that is shown, in the file; of each structure that is shown, if there are
   // structures.
