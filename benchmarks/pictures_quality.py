@@ -129,7 +129,7 @@ class Tools:
     def slf(self, *words, **options):
         return self.run(self.program, *words, **options)
 
-    def row(self, title, name, source, shape, test=None):
+    def row(self, title, name, source, shape, test):
         """Builds a field, unless it is there, and compares it with pictures."""
         field, build = self.folder / f"{name}.slf", None
         cost = self.folder / f"{name}.cost.json"
@@ -138,8 +138,7 @@ class Tools:
                              measured=True)  # fmt: skip
             cost.write_text(json.dumps(build))
         build = Cost(*json.loads(cost.read_text()))
-        pictures = ["--pictures", test] if test else []
-        said = json.loads(self.slf("evaluate", field, *pictures, "--json").output)
+        said = json.loads(self.slf("evaluate", field, "--pictures", test, "--json").output)
         return Row(title, field, said["psnr"], said["ssim"], said["psnr_inside"],
                    said["ssim_inside"], said["file_bytes"], build, said["per_view"])  # fmt: skip
 
@@ -282,7 +281,7 @@ def _set(tools, title, name, source, shape, test, *options):
         shape = "--entry 4 --exit 24 --levels 1 --voxels 80"
     holdout = [] if test else ["--holdout", 8]
     return tools.row(title, name, [f"pictures:{source}", *holdout, *options, "--depth-cache", depths],
-                     shape, test)  # fmt: skip
+                     shape, test or source)  # fmt: skip
 
 
 # ---- meshes --------------------------------------------------------------------------------
