@@ -533,6 +533,26 @@ TEST_P(States, TheFirstIsTakenOutAsItIs) {
   EXPECT_EQ(view(*first).rgba, view(*field).rgba);
 }
 
+TEST_P(States, SomeSubfieldsAreJoined) {
+  RepackOptions some;
+  some.subfields = {7, 14};
+  std::vector<StateSource> sources;
+  for (const unsigned s : {0u, 1u}) {
+    const std::string name = states_[s].name;
+    ASSERT_TRUE(build_field(*states_[s].scene, path(name), options()));
+    ASSERT_TRUE(repack_field(*Field::open(path(name)), path("some " + name), some));
+    sources.push_back({name, *Field::open(path("some " + name))});
+  }
+  for (const char* codec : {"", "jpeg:75", "predictive:80"}) {
+    RepackOptions other;
+    other.codec = codec;
+    other.replace = true;
+    const auto joined = join_states(sources, path("joined.slf"), other);
+    ASSERT_TRUE(joined) << joined.error().message;
+    EXPECT_EQ(verify_field(path("joined.slf"), {})->found, 0u);
+  }
+}
+
 TEST_P(States, AreCopiedTogetherAndAlone) {
   const auto all = Field::open(build_all());
   ASSERT_TRUE(all);
