@@ -24,6 +24,17 @@ namespace {
 constexpr std::uint64_t kMapIncrement = std::uint64_t{16} << 20;
 constexpr unsigned kTrees = 2;  // of records and of blobs
 
+static_assert(MDB_VERSION_MAJOR == 0, "the files of LMDB 1.x are no slf fields: build with 0.9");
+
+// unsupported: the program runs with another LMDB than the one that it was built with.
+Result<void> check_library(const std::string& path) {
+  int major = 0;
+  const char* const found = mdb_version(&major, nullptr, nullptr);
+  if (major == MDB_VERSION_MAJOR) return {};
+  return unsupported(path, "cannot be written with ", found,
+                     ", whose files differ from those of LMDB 0.9; install that");
+}
+
 MDB_val value_of(ByteSpan bytes) { return {bytes.size(), const_cast<std::byte*>(bytes.data())}; }
 
 // Opens LMDB on a descriptor. LMDB also needs a lock file beside the container, whose name somebody
@@ -89,6 +100,7 @@ Environment::~Environment() {
 }
 
 Result<std::unique_ptr<Environment>> Environment::open(const std::string& path, int descriptor) {
+  SLF_TRY(check_library(path));
   std::unique_ptr<Environment> result(new Environment(path));
   struct stat status = {};
   if (fstat(descriptor, &status) != 0) return result->error(errno, "read its size");

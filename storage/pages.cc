@@ -23,7 +23,8 @@ Result<Meta> parse_meta(ByteSpan bytes, const std::string& path, std::uint64_t n
     return bad_file(path, "meta page 1 is damaged or missing");
   }
   if (const auto version = load_le<std::uint32_t>(page + 20); version != kLmdbVersion)
-    return unsupported(path, "LMDB data version ", version, ", expected ", kLmdbVersion);
+    return unsupported(path, "LMDB data version ", version, ", expected ", kLmdbVersion,
+                       ", that of LMDB 0.9");
   if (load_le<std::uint64_t>(page) != number || load_le<std::uint16_t>(page + 10) != kMeta)
     return bad_file(path, "meta page ", number, " is damaged");
 

@@ -31,7 +31,8 @@ class Environment {
  public:
   /// Opens a container for writing; turns an empty file into a container. `path` is for messages.
   /// REQUIRES: `descriptor` is open to write, and the caller holds the writer's lock on it and has
-  /// checked the pages.
+  /// checked the pages. unsupported: the library is none of LMDB 0.9, or the system has pages of
+  /// another size.
   [[nodiscard]] static Result<std::unique_ptr<Environment>> open(const std::string& path,
                                                                  int descriptor);
   Environment(const Environment&) = delete;

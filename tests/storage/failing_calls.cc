@@ -20,6 +20,7 @@ std::atomic<int> code = 0;
 std::atomic<bool> later = false;
 std::atomic<bool> failed = false;
 std::atomic<bool> names_only = false;
+std::atomic<int> lmdb_major = 0;
 
 bool fails() {
   if (left.load() < 0) return false;
@@ -48,6 +49,8 @@ void fail_after(int calls, int error, bool all_later) {
 }
 
 bool has_failed() { return failed; }
+
+void pretend_lmdb(int major) { lmdb_major = major; }
 
 void refuse_unnamed_files(bool refuse) { names_only = refuse; }
 
@@ -109,6 +112,15 @@ void* mmap(void* at, size_t size, int protection, int flags, int file, off_t off
 int ftruncate(int file, off_t size) noexcept {
   static auto* real = next<int(int, off_t)>("ftruncate");
   return fails() ? -1 : real(file, size);
+}
+
+char* mdb_version(int* major, int* minor, int* patch) {
+  const int found = slf::storage::testing::lmdb_major;
+  if (major != nullptr) *major = found;
+  for (int* const other : {minor, patch})
+    if (other != nullptr) *other = 0;
+  static char names[2][9] = {"LMDB 0.9", "LMDB 1.0"};
+  return names[found];
 }
 
 }  // extern "C"

@@ -13,4 +13,7 @@ void fail_after(int calls, int error, bool all_later);
 /// Makes file systems refuse files without names, as some do.
 void refuse_unnamed_files(bool refuse);
 
+/// Makes the library of LMDB say that it is of this major version.
+void pretend_lmdb(int major);
+
 }  // namespace slf::storage::testing

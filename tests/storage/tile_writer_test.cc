@@ -32,6 +32,24 @@ TEST(TileWriter, RefusesWhatItShould) {
   EXPECT_EQ(TileWriter::resume(folder / "c").error().code, ErrorCode::not_found);
 }
 
+// The files of LMDB 1.x and 0.9 exclude each other.
+TEST(TileWriter, RefusesAnLmdbWithOtherFiles) {
+  TemporaryFolder folder;
+  const std::string path = folder / "a.slf", later = folder / "b.slf";
+  ASSERT_TRUE(ok(create(path).close()));
+  const auto bytes = read_file(path);
+  pretend_lmdb(1);
+  const auto created = TileWriter::create(later, {}), resumed = TileWriter::resume(path);
+  pretend_lmdb(0);
+  for (const auto* refused : {&created, &resumed}) {
+    ASSERT_FALSE(*refused);
+    EXPECT_EQ(refused->error().code, ErrorCode::unsupported);
+    EXPECT_THAT(refused->error().message, HasSubstr("cannot be written with LMDB 1.0"));
+  }
+  EXPECT_FALSE(std::filesystem::exists(later));
+  EXPECT_EQ(read_file(path), bytes);
+}
+
 // LMDB's lock file is in memory, reached through a folder that vanishes; a new container has no
 // name. Other systems have no folder for temporary files, or no files without names.
 TEST(TileWriter, LeavesNothingBesideTheContainer) {
