@@ -19,7 +19,9 @@ Result<std::shared_ptr<const FieldFile>> FieldFile::open(const storage::TileStor
                                                          unsigned state) {
   const std::string& path = opened.path();
   const auto text = SLF_TRY(opened.blob(kManifestBlob));
-  auto manifest = SLF_TRY(Manifest::parse(chars_of(text), path));
+  auto shared = std::make_shared<Shared>();
+  Manifest& manifest = shared->manifest;
+  manifest = SLF_TRY(Manifest::parse(chars_of(text), path));
   const bool whole = state == kAllStates || manifest.states.empty();
   if (!whole) manifest.shape.states = 1;
   auto store = whole ? opened.all_states() : opened.in_state(state);
@@ -29,34 +31,36 @@ Result<std::shared_ptr<const FieldFile>> FieldFile::open(const storage::TileStor
     return unsupported(path, "this program does not know its codec \"", manifest.codec,
                        "\"; update slf");
   if (!codec) return bad_file(path, codec.error().message);
-  std::shared_ptr<FieldFile> field(new FieldFile(std::move(store), std::move(manifest)));
-  field->state_ = whole ? 0 : state;
-  field->codec_ = std::move(*codec);
-  field->coder_.emplace(
-      field->shape(), field->format(), field->codec(),
-      [file = field.get()](unsigned level) -> const LevelGeometry& {
-        return file->geometry(level);
-      },
-      !field->manifest().states.empty());
-  if (field->predicts()) field->read_reference_index();
-  return field;
+  shared->codec = std::move(*codec);
+  shared->coder.emplace(
+      manifest.shape, manifest.format, *shared->codec,
+      [of = shared.get()](unsigned level) -> const LevelGeometry& { return of->geometry(level); },
+      !manifest.states.empty());
+  if (shared->coder->predicts()) shared->read_reference_index(store);
+  return std::shared_ptr<const FieldFile>(
+      new FieldFile(std::move(store), whole ? 0 : state, std::move(shared)));
+}
+
+Result<std::shared_ptr<const FieldFile>> FieldFile::in_state(unsigned state) const {
+  if (shape().states > 1 || manifest().states.empty()) return open(store_, state);
+  return std::shared_ptr<const FieldFile>(new FieldFile(store_.in_state(state), state, shared_));
 }
 
 bool FieldFile::can_have(TileKey key) const {
-  return state_of(store_.in_file(key)) < std::max<std::size_t>(1, manifest_.states.size()) &&
-         shape().has(in_state(key, 0));
+  return state_of(store_.in_file(key)) < std::max<std::size_t>(1, manifest().states.size()) &&
+         shape().has(slf::in_state(key, 0));
 }
 
 std::string FieldFile::place(TileKey key) const {
   return path() + ": tile " + storage::name(store_.in_file(key));
 }
 
-void FieldFile::read_reference_index() {
-  for (unsigned level = 1; level <= shape().levels; ++level) {
-    const Bytes section = store_.section(reference_section(level));
+void FieldFile::Shared::read_reference_index(const storage::TileStore& store) {
+  for (unsigned level = 1; level <= manifest.shape.levels; ++level) {
+    const Bytes section = store.section(reference_section(level));
     auto index = ReferenceIndex::parse(section, level);
     if (section.empty() || !index) return;
-    reference_index_.push_back(std::move(*index));
+    reference_index.push_back(std::move(*index));
   }
 }
 
@@ -91,7 +95,7 @@ Result<unsigned> FieldFile::chain(storage::TileRef tile) const {
 Result<std::vector<TileKey>> FieldFile::listed(const storage::TileRef& tile) const {
   if (!predicts() || tile.state != storage::TileState::stored) return std::vector<TileKey>();
   SLF_TRY(store_.fetch(tile));
-  auto named = coder_->references(tile.source, tile.payload);
+  auto named = coder().references(tile.source, tile.payload);
   for (const TileKey reference : named)
     if (!can_have(reference))
       return fail(ErrorCode::bad_file, place(reference),
@@ -108,7 +112,7 @@ FoundTiles FieldFile::find(std::span<const TileKey> keys, const Skip& skip, bool
     std::vector<storage::TileRef> refs;
     for (const auto& tile : store_.find_all(level))
       if (tile) refs.push_back(*tile);
-    if (advise && (first || coder_->uses_states()) && !reference_index_.empty())
+    if (advise && (first || coder().uses_states()) && !shared_->reference_index.empty())
       advise_together(refs);
     else if (advise)
       store_.advise(refs);
@@ -129,7 +133,7 @@ FoundTiles FieldFile::find(std::span<const TileKey> keys, const Skip& skip, bool
     }
     return length > kMaxChain;
   };
-  if (coder_->uses_states()) std::erase_if(found, is_too_long);
+  if (coder().uses_states()) std::erase_if(found, is_too_long);
   return found;
 }
 
@@ -137,25 +141,25 @@ void FieldFile::advise_together(std::vector<storage::TileRef> tiles) const {
   std::vector<TileKey> keys;
   for (const storage::TileRef& tile : tiles)
     if (tile.state == storage::TileState::stored) keys.push_back(tile.source);
-  append_ancestors(reference_index_, keys);
+  append_ancestors(shared_->reference_index, keys);
   std::erase_if(keys, [&](TileKey key) { return !can_have(key); });
   for (const auto& tile : store_.find_all(keys))
     if (tile) tiles.push_back(*tile);
   store_.advise(tiles);
 }
 
-const LevelGeometry& FieldFile::geometry(unsigned level) const {
-  std::call_once(geometry_once_[level], [&] {
-    geometry_[level] = std::make_unique<LevelGeometry>(manifest_.shape, level);
+const LevelGeometry& FieldFile::Shared::geometry(unsigned level) const {
+  std::call_once(geometry_once[level], [&] {
+    geometries[level] = std::make_unique<LevelGeometry>(manifest.shape, level);
   });
-  return *geometry_[level];
+  return *geometries[level];
 }
 
 Result<void> FieldFile::decode(const storage::TileRef& tile, std::span<const ReferenceSamples> from,
                                std::span<std::byte> samples) const {
-  if (codec_->in_place() && tile.payload.size() == samples.size())
+  if (codec().in_place() && tile.payload.size() == samples.size())
     return store_.copy(tile, samples);
-  const auto decoded = coder_->decode(tile.source, tile.payload, from, samples);
+  const auto decoded = coder().decode(tile.source, tile.payload, from, samples);
   SLF_TRY(unchanged());  // not the codec's fault
   if (!decoded)
     return fail(decoded.error().code, place(tile.source), ": ", decoded.error().message,
@@ -181,7 +185,7 @@ Result<FieldContent> FieldFile::content() const {
     at.tiles = shape().tiles(level);
     at.slabs = shape().states * shape().slabs(level);
   }
-  if (manifest_.part) {
+  if (manifest().part) {
     content.complete = SLF_TRY(part_is_complete());
   }
   const auto statistics = SLF_TRY(store_.statistics());
@@ -193,16 +197,16 @@ Result<FieldContent> FieldFile::content() const {
     at.stored = s.stored, at.empty = s.empty, at.same = s.same;
   }
   for (const LevelContent& at : content.levels)
-    if (!manifest_.part && at.stored + at.empty + at.same != at.tiles) content.complete = false;
+    if (!manifest().part && at.stored + at.empty + at.same != at.tiles) content.complete = false;
   return content;
 }
 
 Result<bool> FieldFile::part_is_complete() const {
   std::uint64_t expected = 0;
-  for (unsigned level = 0; level <= shape().levels; ++level) expected += manifest_.tiles(level);
+  for (unsigned level = 0; level <= shape().levels; ++level) expected += manifest().tiles(level);
   std::uint64_t found = 0;
   SLF_TRY(store_.visit({0, 0}, {255, 0}, [&](const storage::TileRef& tile) -> Result<void> {
-    found += manifest_.holds(tile.key) ? 1 : 0;
+    found += manifest().holds(tile.key) ? 1 : 0;
     return {};
   }));
   return found == expected;
@@ -232,18 +236,21 @@ std::string Field::provenance() const {
   if (!structures_ || structures_->empty()) return own->dump();
   // Parts of one volume, together, are some of its labels.
   std::set<std::int64_t> labels;
+  const nlohmann::json* added = nullptr;  // the last list: that of many states may be one
   for (const Structure& one : *structures_) {
     const FieldFile& file = one.field.file();
-    const OwnedJson part = file.manifest().provenance_of(file.state());
-    const auto only = part->find("structures");
+    const auto* only = file.manifest().provenance_at(file.state(), {"structures", "only"});
     const bool plain = one.opacity == 1 && one.tint == Structure{one.field}.tint;
-    if (!plain || only == part->end() || !only->is_object() || !only->contains("only")) {
+    if (!plain || !only) {
       (*own)["composed"] = structures_->size();  // no scene has this
       return own->dump();
     }
-    for (const nlohmann::json& id : (*only)["only"])
+    if (only == std::exchange(added, only)) continue;
+    for (const nlohmann::json& id : *only)
       if (id.is_number_integer()) labels.insert(id.get<std::int64_t>());
   }
+  if (nlohmann::json& parts = (*own)["structures"]; !parts.is_object())  // another state's are
+    parts = nlohmann::json::object();
   (*own)["structures"]["only"] = labels;
   return own->dump();
 }
@@ -254,10 +261,11 @@ std::vector<std::string> Field::states() const {
   return names;
 }
 Result<Field> Field::in_state(unsigned state) const {
-  if (const std::size_t count = std::max<std::size_t>(1, states().size()); state >= count)
+  if (const std::size_t count = std::max<std::size_t>(1, file_->manifest().states.size());
+      state >= count)
     return fail_without("state", ErrorCode::usage, path(), ": has no state ", state,
                         count > 1 ? "; its states are 0 to " : "; it has one state, ", count - 1);
-  return guarded([&] { return FieldFile::open(file_->store(), state); }).map([](auto file) {
+  return guarded([&] { return file_->in_state(state); }).map([](auto file) {
     return Field(std::move(file));
   });
 }
@@ -277,12 +285,11 @@ Result<Field> Field::in_state(const std::string& name) const {
       names.empty() ? "; it has just one, without a name" : "; its states are: ", listed);
 }
 bool Field::linear() const {
-  const nlohmann::json none;
-  const OwnedJson own = file_->manifest().provenance_of(file_->state());
-  const nlohmann::json light = own->value("lighting", none);
-  if (!light.is_object() || light.value("linear", none) != true) return false;
-  const nlohmann::json mode = light.value("mode", none);
-  return mode == "shadowed" || mode == "global";
+  const auto is = [&](const char* member, const nlohmann::json& value) {
+    const auto* at = file_->manifest().provenance_at(file_->state(), {"lighting", member});
+    return at && *at == value;
+  };
+  return is("linear", true) && (is("mode", "shadowed") || is("mode", "global"));
 }
 Result<std::vector<std::byte>> Field::light() const {
   return guarded([&]() -> Result<std::vector<std::byte>> {

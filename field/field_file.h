@@ -59,31 +59,37 @@ class FieldFile {
     return open(path, kAllStates);
   }
 
+  /// Another state of the same snapshot. It shares all but its tiles with this one: a file declares
+  /// states for nothing. Errors and REQUIRES of open().
+  [[nodiscard]] Result<std::shared_ptr<const FieldFile>> in_state(unsigned state) const;
+
   /// The state that this shows; 0 if it shows all.
   [[nodiscard]] unsigned state() const { return state_; }
   /// Whether the field can have a tile, of any state.
   [[nodiscard]] bool can_have(TileKey key) const;
 
   [[nodiscard]] const std::string& path() const { return store_.path(); }
-  [[nodiscard]] const Manifest& manifest() const { return manifest_; }
-  [[nodiscard]] const FieldShape& shape() const { return manifest_.shape; }
+  [[nodiscard]] const Manifest& manifest() const { return shared_->manifest; }
+  [[nodiscard]] const FieldShape& shape() const { return manifest().shape; }
   [[nodiscard]] const storage::TileStore& store() const { return store_; }
 
   /// The light of the field's scene, which views the map; no bytes if the field has none. bad_file:
   /// it is damaged.
   [[nodiscard]] Result<ByteSpan> light() const;
 
-  [[nodiscard]] SampleFormat format() const { return manifest_.format; }
+  [[nodiscard]] SampleFormat format() const { return manifest().format; }
   [[nodiscard]] bool has_depth() const { return slf::has_depth(format()); }
-  [[nodiscard]] const codec::Codec& codec() const { return *codec_; }
+  [[nodiscard]] const codec::Codec& codec() const { return *shared_->codec; }
 
   /// The geometry of a level, computed on first use. REQUIRES: level <= shape().levels.
-  [[nodiscard]] const LevelGeometry& geometry(unsigned level) const;
+  [[nodiscard]] const LevelGeometry& geometry(unsigned level) const {
+    return shared_->geometry(level);
+  }
 
   /// Codes its tiles: the codec, with predictions where it needs them.
-  [[nodiscard]] const TileCoder& coder() const { return *coder_; }
+  [[nodiscard]] const TileCoder& coder() const { return *shared_->coder; }
   /// The shape of a tile. REQUIRES: a key of this field.
-  [[nodiscard]] TileShape tile_shape(TileKey key) const { return coder_->tile_shape(key); }
+  [[nodiscard]] TileShape tile_shape(TileKey key) const { return coder().tile_shape(key); }
   /// For messages: the path, the tile, and its state if the field has several.
   [[nodiscard]] std::string place(TileKey key) const;
 
@@ -95,7 +101,7 @@ class FieldFile {
                                     std::span<std::byte> samples) const;
 
   /// Whether tiles are predicted from coarser ones.
-  [[nodiscard]] bool predicts() const { return coder_->predicts(); }
+  [[nodiscard]] bool predicts() const { return coder().predicts(); }
   /// The tiles that a tile is predicted from, as its payload names them: coarser ones and, in a
   /// field of several states, maybe the same tile of an earlier state. bad_file: the field has no
   /// such tile, or the chain is too long.
@@ -122,10 +128,23 @@ class FieldFile {
   [[nodiscard]] Result<FieldContent> content() const;
 
  private:
-  FieldFile(storage::TileStore store, Manifest manifest)
-      : store_(std::move(store)), manifest_(std::move(manifest)) {}
+  /// What the states of a field share.
+  struct Shared {
+    Manifest manifest;
+    std::unique_ptr<codec::Codec> codec;
+    std::optional<TileCoder> coder;  // from open() on
+    std::vector<ReferenceIndex>
+        reference_index;  // [level - 1]; the levels in a remote file's index
+    mutable std::array<std::once_flag, 16> geometry_once;
+    mutable std::array<std::unique_ptr<LevelGeometry>, 16> geometries;
 
-  void read_reference_index();
+    [[nodiscard]] const LevelGeometry& geometry(unsigned level) const;
+    void read_reference_index(const storage::TileStore& store);
+  };
+
+  FieldFile(storage::TileStore store, unsigned state, std::shared_ptr<const Shared> shared)
+      : store_(std::move(store)), state_(state), shared_(std::move(shared)) {}
+
   /// references() without a look at those of the tile of an earlier state.
   [[nodiscard]] Result<std::vector<TileKey>> listed(const storage::TileRef& tile) const;
   /// Advises tiles and all that they are predicted from, by the index of a remote file.
@@ -134,13 +153,8 @@ class FieldFile {
   [[nodiscard]] Result<bool> part_is_complete() const;
 
   storage::TileStore store_;
-  Manifest manifest_;
   unsigned state_ = 0;
-  std::unique_ptr<codec::Codec> codec_;
-  std::optional<TileCoder> coder_;               // from open() on
-  std::vector<ReferenceIndex> reference_index_;  // [level - 1]; the levels in a remote file's index
-  mutable std::array<std::once_flag, 16> geometry_once_;
-  mutable std::array<std::unique_ptr<LevelGeometry>, 16> geometry_;
+  std::shared_ptr<const Shared> shared_;
 };
 
 /// The files that a field's tiles are read from: its own or, if it is composed, one for each of its

@@ -208,6 +208,22 @@ OwnedJson Manifest::provenance_of(unsigned state) const {
   return own;
 }
 
+const nlohmann::json* Manifest::provenance_at(unsigned state,
+                                              std::initializer_list<const char*> path) const {
+  const auto member = [](const nlohmann::json* of, const char* name) {
+    const bool has = of && of->is_object() && of->contains(name);
+    return has ? &*of->find(name) : nullptr;
+  };
+  const nlohmann::json* value = &*provenance;
+  const nlohmann::json* patch = state < states.size() ? &*states[state].provenance : nullptr;
+  for (const char* const name : path) {
+    value = member(value, name);
+    patch = member(patch, name);
+    if (patch && !patch->is_object()) value = std::exchange(patch, nullptr);
+  }
+  return !value || value->is_object() || value->is_null() || patch ? nullptr : value;
+}
+
 std::uint64_t Manifest::tiles(unsigned level) const {
   if (!part) return shape.tiles(level);
   const TileOrder order(one_state(shape));

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <initializer_list>
 #include <optional>
 #include <span>
 #include <string>
@@ -44,6 +45,10 @@ struct Manifest {
   [[nodiscard]] OwnedJson to_json() const;
   /// The provenance of a state. REQUIRES: it is 0, or below states.size().
   [[nodiscard]] OwnedJson provenance_of(unsigned state) const;
+  /// A value in it, without a copy of all the others: what is at a path of names, unless that is an
+  /// object. Null: nothing. REQUIRES: as provenance_of().
+  [[nodiscard]] const nlohmann::json* provenance_at(unsigned state,
+                                                    std::initializer_list<const char*> path) const;
 
   /// Whether a tile belongs to the field, and to its part if this is one.
   [[nodiscard]] bool holds(TileKey key) const {

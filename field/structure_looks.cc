@@ -3,12 +3,12 @@
 #include <algorithm>
 #include <cmath>
 #include <iomanip>
-#include <nlohmann/json.hpp>
 #include <sstream>
 
 #include "base/ascii.h"
 #include "base/try.h"
 #include "base/wildcard.h"
+#include "field/field_file.h"
 
 namespace slf {
 namespace {
@@ -63,10 +63,9 @@ std::string text_of(const StructureLook& look) {
 }
 
 bool has_structures(const Field& field) {
-  const auto built = nlohmann::json::parse(field.provenance(), nullptr, false);
-  const nlohmann::json none;
-  const nlohmann::json parts = built.is_object() ? built.value("structures", none) : none;
-  return field.states().size() > 1 && parts.is_object() && parts.contains("only");
+  const FieldFile& file = field.file();
+  return file.manifest().states.size() > 1 &&
+         file.manifest().provenance_at(file.state(), {"structures", "only"});
 }
 
 Result<std::vector<Structure>> structures_of(const Field& field,

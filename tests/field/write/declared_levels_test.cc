@@ -1,9 +1,11 @@
-// Fields that declare far more tiles than they hold: what they take depends on what is stored.
+// Fields that declare far more tiles or states than they hold: what they take depends on what is
+// stored.
 #include <gtest/gtest.h>
 
 #include <fstream>
 
 #include "field/field_file.h"
+#include "field/structure_looks.h"
 #include "field/tiles/tile_cache.h"
 #include "slf/inspect.h"
 #include "slf/player.h"
@@ -123,6 +125,87 @@ TEST_F(DeclaredLevels, Views) {
   EXPECT_TRUE(renderer.render(camera, {RenderMode::bitri, 3}));  // drawn from level 1
   const TileReader tiles(*field_, {.memory = 8 << 20});
   EXPECT_EQ(tiles.read({kLevels, 1ull << 40}).error().code, ErrorCode::unsupported);
+}
+
+// The states of a field share its manifest, its codec and its geometry.
+TEST(DeclaredStates, Structures) {
+  reset_peak();
+  const std::uint64_t before = peak_mib();
+  TemporaryFolder folder;
+  auto options = testing::lossless_options(4, 4, 1);
+  options.depth = true;
+  const auto scene = std::move(*make_analytic_scene("balls"));
+  const auto built = testing::build_and_open(*scene, folder / "a.slf", options);
+  nlohmann::json manifest = nlohmann::json::parse(built->manifest());
+  manifest["required"].push_back("states");
+  manifest["provenance"]["structures"]["only"] = std::vector<int>(20000, 1);
+  for (unsigned k = 0; k < kMaxStates; ++k)
+    manifest["states"].push_back({{"name", "state " + std::to_string(k)}});
+  const std::string text = manifest.dump();
+  {
+    auto writer = storage::TileWriter::resume(built->path());
+    ASSERT_TRUE(writer && writer->set_blob(kManifestBlob, bytes_of(text)) && writer->close());
+  }
+  const auto field = Field::open(built->path());
+  ASSERT_TRUE(field) << field.error().message;
+  const auto all = all_structures(*field);
+  ASSERT_TRUE(all) << all.error().message;
+  ASSERT_EQ(all->structures()->size(), kMaxStates);
+  EXPECT_EQ(nlohmann::json::parse(all->provenance())["structures"]["only"], std::vector{1});
+  Renderer renderer(*all, {.memory = 64 << 20, .threads = 1});
+  const Camera camera = orbit_camera(all->shape().sphere, 30, 20, 3, 32, 32);
+  EXPECT_TRUE(renderer.render(camera, {RenderMode::bitri, 1}));
+  EXPECT_TRUE(all->content());
+  EXPECT_LT(peak_mib(), before + 250);
+}
+
+// A manifest is free text where it says what a field was built from.
+TEST(DeclaredStates, ProvenanceOfAnyKind) {
+  TemporaryFolder folder;
+  auto options = testing::lossless_options(4, 4, 0);
+  options.depth = true;
+  const auto scene = std::move(*make_analytic_scene("balls"));
+  const auto built = testing::build_and_open(*scene, folder / "a.slf", options);
+  const std::string path = folder / "b.slf";
+  const nlohmann::json only{{"structures", {{"only", {1, 2}}}}};
+  const auto light = [](const nlohmann::json& linear, const nlohmann::json& mode) {
+    return nlohmann::json{{"lighting", {{"linear", linear}, {"mode", mode}}}};
+  };
+  std::vector<nlohmann::json> kinds{nlohmann::json::object(), only, light(true, "global")};
+  for (const nlohmann::json& wrong :
+       std::vector<nlohmann::json>{nullptr, 1, "?", true, {1, "2"}, nlohmann::json::object()}) {
+    kinds.push_back({{"structures", wrong}, {"lighting", wrong}, {"composed", wrong}});
+    kinds.push_back({{"structures", {{"only", wrong}}}, {"lighting", {{"mode", wrong}}}});
+    kinds.push_back(light(true, wrong));
+    kinds.push_back(light(wrong, "global"));
+  }
+  for (const nlohmann::json& base : kinds)
+    for (const nlohmann::json& other : kinds) {
+      SCOPED_TRACE(base.dump() + " and " + other.dump());
+      nlohmann::json manifest = nlohmann::json::parse(built->manifest());
+      manifest["required"].push_back("states");
+      manifest["provenance"] = base;
+      manifest["states"] = {{{"name", "a"}}, {{"name", "b"}, {"provenance", other}}};
+      const std::string text = manifest.dump();
+      std::filesystem::copy_file(built->path(), path,
+                                 std::filesystem::copy_options::overwrite_existing);
+      {
+        auto writer = storage::TileWriter::resume(path);
+        ASSERT_TRUE(writer && writer->set_blob(kManifestBlob, bytes_of(text)) && writer->close());
+      }
+      const Field field = Field::open(path).value();
+      for (const Field& shown : {field, field.in_state(1).value()}) {
+        nlohmann::json whole = base;
+        if (shown.state() == 1) whole.merge_patch(other);
+        EXPECT_EQ(shown.provenance(), whole.dump());
+        const nlohmann::json said = whole.value("lighting", nlohmann::json());
+        EXPECT_EQ(shown.linear(), said == light(true, "global")["lighting"]);
+      }
+      const auto composed = compose(field, {{field.in_state(1).value()}});
+      if (!composed) continue;  // one of the two is linear
+      const auto told = nlohmann::json::parse(composed->provenance());
+      EXPECT_TRUE(told.contains("composed") || told["structures"]["only"].is_array());
+    }
 }
 
 }  // namespace

@@ -157,6 +157,37 @@ TEST(MakeScene, OnlyLabelsAreShownUnderTheLightOfAll) {
   EXPECT_EQ(provenance(truth)["structures"], provenance(d)["structures"]);
 }
 
+/// Calls `use` with a document in which one value has become another, for every value in it.
+template <class Use>
+void with_each_replaced(const nlohmann::json& document, const Use& use) {
+  for (const auto& [pointer, value] : document.flatten().items())
+    for (auto at = nlohmann::json::json_pointer(pointer); !at.empty(); at.pop_back())
+      for (const nlohmann::json& other :
+           std::vector<nlohmann::json>{nullptr, true, -1, 1e300, "?", {1, "?"}, {{"?", 1}}}) {
+        nlohmann::json changed = document;
+        changed[at] = other;
+        use(changed);
+      }
+}
+
+// What a field says of its source is free text.
+TEST(MakeScene, ProvenancesOfAnyKindAreReadOrRefused) {
+  SceneDescription built = slabs();
+  built.only_labels = {2, 3};
+  built.raycast.clip = {{{5, 5, 5}, {0, 0, 1}}};
+  const nlohmann::json whole = provenance(built);
+  with_each_replaced(whole, [&](const nlohmann::json& changed) {
+    SCOPED_TRACE(changed.dump());
+    SceneDescription d = slabs();
+    d.truth_of = changed.dump();
+    (void)raycast_options(d.truth_of);
+    const auto scene = make_scene(d);
+    if (!scene) {
+      EXPECT_THAT(scene.error().message, Not(HasSubstr("json.exception")));
+    }
+  });
+}
+
 /// A dense ball, whole or cut open at z = 6.
 Result<std::unique_ptr<Scene>> dense_ball(bool cut, const std::string& truth_of = {}) {
   SceneDescription d = description();
