@@ -160,7 +160,8 @@ TEST(MakeScene, OnlyLabelsAreShownUnderTheLightOfAll) {
 /// Calls `use` with a document in which one value has become another, for every value in it.
 template <class Use>
 void with_each_replaced(const nlohmann::json& document, const Use& use) {
-  for (const auto& [pointer, value] : document.flatten().items())
+  const nlohmann::json flat = document.flatten();
+  for (const auto& [pointer, value] : flat.items())
     for (auto at = nlohmann::json::json_pointer(pointer); !at.empty(); at.pop_back())
       for (const nlohmann::json& other :
            std::vector<nlohmann::json>{nullptr, true, -1, 1e300, "?", {1, "?"}, {{"?", 1}}}) {
