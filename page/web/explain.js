@@ -89,14 +89,20 @@ export class Explain {
     this.viewer.flyTo(camera.toText());
   }
 
-  // Flies to a saved view, if there are any.
+  // Flies to the saved view that the page's address names, from 1.
+  open(number) {
+    if (this.views[number - 1]) this.go(number - 1);
+    else this.element.hint(`There is no saved view ${number}.`);
+  }
+  // Flies to a saved view; after the last one comes the first. Returns whether there are any.
   go(number) {
-    if (this.views.length === 0 || !(number >= -1)) return;
+    if (this.views.length === 0) return false;
     const at = (number + this.views.length) % this.views.length;
     this.tell(at);
     this.viewer.flyTo(this.views[at].camera);
     const {structures} = this.views[at];
     if (structures) this.element.structures = structures;
+    return true;
   }
   tell(at) {
     this.at = at;
@@ -194,7 +200,7 @@ export class Explain {
     clearTimeout(this.later);
     this.later = undefined;
     const {viewer} = this, notes = this.notes.filter(({far}) => far > 0);
-    if (!viewer.first || viewer.lost || !viewer.field.shape.hasDepth) return;
+    if (!viewer.first || !viewer.draws || !viewer.field.shape.hasDepth) return;
     this.probed = performance.now();
     const {clientWidth, clientHeight} = viewer.canvas;
     const [middle, ...found] =
@@ -223,7 +229,7 @@ export class Explain {
   scale(distance) {
     const {camera, canvas} = this.viewer, {clientWidth, clientHeight} = canvas;
     const bar = this.byId('scale'), line = document.createElement('i');
-    bar.hidden = !(distance > 0 && clientHeight > 0);
+    bar.hidden = !(distance > 0 && clientWidth > 0 && clientHeight > 0);
     if (bar.hidden) return;
     const {half} = camera.axes(clientWidth, clientHeight);
     const unit = clientHeight / (2 * half * distance * this.sphere.radius);  // in pixels

@@ -9,6 +9,7 @@ export const kMarkup = `
 <div id="cross" aria-hidden="true" hidden></div>
 <div id="compass" aria-hidden="true" hidden></div>
 <div id="scale" role="img" hidden></div>
+<p id="seen" class="unseen" aria-live="polite"></p>
 <p id="keys" class="unseen">Arrow keys turn the view, plus and minus zoom, Shift with arrow keys
 moves it, R resets it, Space turns it by itself, F fills the screen, H hides the panel, L the list
 of structures, Page Up and Page Down show the saved views, M measures, P plays the states of the
@@ -219,7 +220,7 @@ button[aria-pressed="true"] { background: var(--accent); color: #06101f; }
 
 #views {
   position: absolute; bottom: 16px; left: 50%; transform: translateX(-50%); display: flex;
-  width: min(460px, calc(100% - 24px)); max-height: 40%; align-items: center; gap: 8px;
+  width: min(460px, calc(100% - 24px)); max-height: 40%; align-items: flex-end; gap: 8px;
   padding: 8px; backdrop-filter: blur(10px); touch-action: pan-y;
 }
 #views div { flex: 1; overflow: auto; max-height: 100%; touch-action: pan-y; }
@@ -232,9 +233,10 @@ a { color: var(--accent); }
   position: absolute; bottom: 12px; left: 50%; transform: translateX(-50%); margin: 0;
   max-width: min(560px, calc(100% - 24px)); padding: 8px 14px; z-index: 1;
 }
-:host([notable]) #status:not(.wrong) { bottom: auto; top: 12px; }
+#views:not([hidden]) ~ #status:not(.wrong) { bottom: auto; top: 12px; }
 #status:empty { display: none; }
-#status.wrong { border-color: #ff6b5e; bottom: 50%; }
+#status { max-height: calc(100% - 24px); overflow: auto; width: max-content; }
+#status.wrong { border-color: #ff6b5e; bottom: auto; top: 50%; transform: translate(-50%, -50%); }
 dialog {
   max-width: min(560px, calc(100% - 24px)); max-height: 80%; color: var(--ink);
   backdrop-filter: blur(14px);
@@ -246,6 +248,18 @@ dialog form { margin-top: 14px; text-align: right; }
 @container (min-width: 641px) and (max-width: 1000px) {  /* free of #views */
   #scale { right: 16px; bottom: 116px; }
   #views { width: min(460px, calc(100% - 240px)); }
+}
+@container (min-width: 521px) and (max-width: 1000px) {  /* beside a panel that is unfolded */
+  #views { max-height: min(40%, 104px); }
+  #panel:has(> #settings:not([hidden])) ~ #views {
+    left: 296px; right: 120px; width: auto; transform: none;
+  }
+}
+@container (min-width: 521px) and (max-width: 640px) {
+  #panel:has(> #settings:not([hidden])) ~ #views { right: 12px; }
+  #structures:has(> #parts:not([hidden])) ~ #views {
+    left: 336px; right: 12px; width: auto; transform: none;
+  }
 }
 @container (max-width: 640px) {
   #structures { top: 68px; left: 12px; right: auto; }

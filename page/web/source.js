@@ -29,11 +29,16 @@ const kMaxReserved = 1 << 26;    // reserved at once for an answer, whatever len
 
 const kMixed = /^multipart\/byteranges/i;
 
-const sleep = (ms) => new Promise((done) => setTimeout(done, ms));
-
 // Ends early when the browser is online again.
-const pause = (ms) => Promise.race([
-  sleep(ms), new Promise((done) => addEventListener('online', done, {once: true}))]);
+const pause = (ms) => new Promise((done) => {
+  const stop = new AbortController(), timer = setTimeout(() => end(), ms);
+  const end = () => {
+    clearTimeout(timer);
+    stop.abort();
+    done();
+  };
+  addEventListener('online', end, {signal: stop.signal});
+});
 
 const kNoRanges = 'The host of this field does not serve parts of files (HTTP ranges). ';
 const kTooLarge = kNoRanges + 'Without them, a field of at most 64 MiB is fetched whole, and ' +
@@ -42,13 +47,13 @@ const kCutShort = 'The host cut an answer short.';
 
 // A file on a host of static files, read by ranges. Without ranges, a small file is fetched whole.
 export class HttpSource {
-  // `small`: style.css is on the same host. `first`: the ranges that readAll() will be asked for
+  // Requests end once `signal` is aborted. `small`: style.css is on the same host. `first`: the ranges that readAll() will be asked for
   // first. `onProgress(done, total)` is called while a file is fetched whole; NaN: the total is
   // unknown. `onError(error)`: the file has changed after parts of it were read. `onWait(waits)`:
   // the host is silent, or answers again.
-  constructor(url, {small = true, first = [], onProgress, onError, onWait} = {}) {
+  constructor(url, {signal, small = true, first = [], onProgress, onError, onWait} = {}) {
     this.url = new URL(url, document.baseURI);
-    Object.assign(this, {small, first, onProgress, onError, onWait});
+    Object.assign(this, {signal, small, first, onProgress, onError, onWait});
     this.bytes = this.requests = 0;
     this.roundTrips = 0;  // the longest chain of answers, each before the next request
     this.kept = [];       // answers with bytes that were not asked for, the oldest first
@@ -180,7 +185,9 @@ export class HttpSource {
     retries ??= this.check ? Infinity : kRetries;
     const trip = this.roundTrips + 1;
     for (let attempt = 0;; ++attempt) {
-      const stop = new AbortController();
+      const stop = new AbortController(), end = () => stop.abort();
+      this.signal?.throwIfAborted();
+      this.signal?.addEventListener('abort', end);
       let wrong, refusal, timer;
       const awaited = (promise) => {
         clearTimeout(timer);
@@ -219,13 +226,20 @@ export class HttpSource {
       } catch (error) {
         if (error === refusal) throw error;
         wrong = this.silence();
+        if (attempt > 0 && this.bytes === 0 && !this.beside && await this.answersOthers())
+          throw new Error(wrong);
       } finally {
+        this.signal?.removeEventListener('abort', end);
         clearTimeout(timer);
       }
       if (attempt === retries) throw new Error(wrong);
       if (attempt > 0 && !this.waits) this.onWait?.(this.waits = true);
       await pause(Math.min(200 * 2 ** attempt, kLongPause));
     }
+  }
+  // Whether there is an answer that the page may not read.
+  answersOthers() {
+    return fetch(this.url, {method: 'HEAD', mode: 'no-cors'}).then(() => true, () => false);
   }
   // Why there may be no answer; browsers do not tell.
   silence() {

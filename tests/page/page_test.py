@@ -253,15 +253,21 @@ class PageTest(unittest.TestCase):
                         self.assertLess(abs(found[worst] - exact[worst]), 0.75)
             page.close()
 
-    def test_states(self):
-        """The states of a field, by link, by keys and as a film. What they share comes once."""
-        cuts = [("top off", (0, 0, 1)), ("half", (1, 0, 0))]
+    @classmethod
+    def stated(cls):
+        """A field of three states."""
         with open(path("states.json"), "w") as file:
             json.dump({"states": [{"name": "whole"}] + [
-                {"name": name, "clip": [[12, 12, 12, *normal]]} for name, normal in cuts]}, file)
+                {"name": name, "clip": [[12, 12, 12, *normal]]}
+                for name, normal in [("top off", (0, 0, 1)), ("half", (1, 0, 0))]]}, file)
         field = path("states.slf")
         slf("build", path("cube.raw"), "--dims", "24x24x24", "--lighting", "direct", "--levels", 1,
             "--entry", 4, "--exit", 16, "--states", path("states.json"), "-o", field, "-f")
+        return field
+
+    def test_states(self):
+        """The states of a field, by link, by keys and as a film. What they share comes once."""
+        field = self.stated()
         with Server(field) as server:
             page = self.browser.open(server.url, SIZE, SIZE)
             page.settle()
@@ -1440,6 +1446,186 @@ globalThis.right = document.getElementById('a') instanceof SlfField;""")
                 self.assertIsNone(page.run("document.getElementById('a').pick(1, 1)"))
                 self.assertNotIn("errora", page.run("heard"))
                 page.close()
+
+    def embedded(self, host, body, width=600, height=600):
+        """A page of one's own beside the field of site(), once its script has run."""
+        with open(os.path.join(host.folder, "own.html"), "w") as file:
+            file.write(f"""<!doctype html><title>Own</title><script src="page.js" defer></script>
+<style>body {{ margin: 0 }} slf-field {{ width: 240px; height: 160px }}</style>{body}""")
+        page = self.browser.open("about:blank", width, height)
+        page.call("Page.addScriptToEvaluateOnNewDocument", source="""globalThis.wrong = [];
+          addEventListener('unhandledrejection', ({reason}) => wrong.push(String(reason)));
+          addEventListener('error', ({message}) => message && wrong.push(message));
+          globalThis.workers = 0;
+          globalThis.Worker = class extends Worker {
+            constructor(...given) { super(...given); ++workers; }
+            terminate() { super.terminate(); --workers; }
+          };
+          globalThis.one = () => document.querySelector('slf-field');
+          globalThis.now = (id) => one().shadowRoot.getElementById(id);""")
+        page.call("Page.navigate", url=host.url + "/own.html")
+        page.wait("globalThis.customElements?.get('slf-field')")
+        return page
+
+    def settled(self, page):
+        page.wait("one().viewer.state === 'settled'")
+
+    def test_many_mounts_leave_what_ten_leave(self):
+        """Workers, listeners, nodes and memory; some elements are removed while they load.
+        SLF_MOUNTS=1000 mounts so many; otherwise as many as 20 seconds allow."""
+        mounts = int(os.environ.get("SLF_MOUNTS", 0))
+        with Host(self.site()) as host:
+            page = self.embedded(host, "")
+            page.call("Performance.enable")
+            page.run("""globalThis.mount = async (i) => {
+              const element = document.createElement('slf-field');
+              element.src = 'field.slf';
+              element.addEventListener('error', ({detail}) => wrong.push(detail.message));
+              document.body.append(element);
+              const ready = new Promise((done) => element.addEventListener('ready', done));
+              await (i % 3 ? ready : new Promise((done) => setTimeout(done, i % 100)));
+              if (i % 5 === 0) document.body.prepend(element);
+              element.remove();
+            }; 0""")
+
+            def mount(begin):
+                page.run(f"(async () => {{ for (let i = {begin}; i < {begin + 10}; ++i) "
+                         "await mount(i); })()", 120)
+
+            def left():
+                time.sleep(0.5)
+                page.call("HeapProfiler.collectGarbage")
+                counts = {one["name"]: one["value"]
+                          for one in page.call("Performance.getMetrics")["metrics"]}
+                return page.run("workers"), *(counts[name] for name in [
+                    "JSEventListeners", "Nodes", "JSHeapUsedSize"])
+
+            mount(0)
+            ten, count, until = left(), 10, time.monotonic() + 20
+            while count < mounts or (not mounts and time.monotonic() < until):
+                mount(count)
+                count += 10
+            many = left()
+            print(f"10 mounts leave {ten}, {count} leave {many}: workers, listeners, nodes, bytes",
+                  flush=True)
+            self.assertEqual((ten[0], many[0]), (0, 0))
+            self.assertLessEqual(many[1], ten[1] + 2)
+            self.assertLessEqual(many[2], ten[2] + 20)
+            self.assertLess(many[3], ten[3] + (1 << 20))
+            self.assertEqual(page.run("wrong"), [])
+            page.close()
+
+    def test_an_element_that_is_moved_stays_as_it_is(self):
+        with Host(self.site()) as host:
+            page = self.embedded(host, "<main></main><slf-field src='field.slf'></slf-field>")
+            self.settled(page)
+            page.run("one().view = '100,5,2.5', 0")
+            self.settled(page)
+            requests = len(host.log)
+            page.run("globalThis.canvas = now('picture'), "
+                     "document.querySelector('main').append(one())")
+            self.assertEqual(page.run("[one().view, canvas === now('picture'), workers > 0]"),
+                             ["100,5,2.5", True, True])
+            self.assertEqual(len(host.log), requests)
+            for how in ["display = 'none'", "width = 0", "height = 0"]:
+                page.run(f"one().style.{how}, one().viewer.moved(), 0")
+                time.sleep(0.3)
+                page.run("one().style = '', 0")
+            self.settled(page)
+            # Removed, it frees all; it may come back, with its view.
+            page.run("(globalThis.kept = one()).remove()")
+            page.wait("workers === 0")
+            page.run("kept.view = '50,5,2'; kept.structures = ['*']; kept.state = 0;"
+                     "kept.flyTo('55,5,2'); kept.pick(9, 9)")
+            page.run("document.body.append(kept)")
+            self.settled(page)
+            self.assertEqual(page.run("[one().view, workers > 0, wrong]"), ["55,5,2", True, []])
+            page.close()
+
+    def test_an_element_follows_its_attributes_and_properties(self):
+        with Host(self.site()) as host:
+            for name, field in [("parts", self.structured()), ("half", self.stated())]:
+                shutil.copy(field, os.path.join(host.folder, name + ".slf"))
+            page = self.embedded(host, "<slf-field src='field.slf' view='60,10,3'></slf-field>")
+            self.settled(page)
+            self.assertEqual(page.run("one().view"), "60,10,3")
+            for change in ["one().setAttribute('view', '10,0,2.5')", "one().view = '20,0,2.5'"]:
+                page.run(change + ", 0")
+                self.assertEqual(page.run("one().view"), change.split("'")[-2])
+                self.settled(page)
+            page.run("one().src = 'parts.slf', 0")
+            self.settled(page)
+            self.assertEqual(page.run("one().view"), "10,0,2.5")
+            self.assertEqual(page.run("one().viewer.field.layers.length"), 4)
+            page.run("one().setAttribute('structures', 'core'), 0")
+            page.wait("one().viewer.field.layers.length === 1")
+            page.run("one().structures = ['* lobe'], 0")
+            page.wait("one().viewer.field.layers.length === 2")
+            page.run("one().setAttribute('src', 'half.slf'), 0")
+            self.settled(page)
+            for change, state in [("setAttribute('state', 'half')", 2), ("state = 'top off'", 1),
+                                  ("state = 2", 2), ("removeAttribute('state')", 0)]:
+                page.run(f"one().{change}, 0")
+                self.assertEqual(page.run("one().viewer.field.state"), state)
+                self.settled(page)
+            # Properties that were set before the element was known, and while it loads.
+            page.run("one().src = 'field.slf', one().view = '30,0,4', 0")
+            self.settled(page)
+            self.assertEqual(page.run("[one().view, workers <= 4, wrong]"), ["30,0,4", True, []])
+            page.close()
+
+    def test_wheel_and_keys_that_do_nothing_are_the_pages(self):
+        with Host(self.site()) as host:
+            page = self.embedded(host, "<slf-field src='field.slf'></slf-field>"
+                                       "<div style='height: 3000px'></div>")
+            self.settled(page)
+            page.run("now('picture').focus(), one().view = '30,20,19', 0")
+            for by, scrolls in [(300, False), (100, True)]:
+                page.call("Input.dispatchMouseEvent", type="mouseWheel", x=120, y=80, deltaX=0,
+                          deltaY=by)
+                time.sleep(0.3)
+                self.assertEqual(page.run("scrollY > 0"), scrolls)
+            page.run("scrollTo(0, 0)")
+            self.assertEqual(page.run("one().viewer.camera.distance"), 20)
+            prevented = """((key) => !now('picture').dispatchEvent(new KeyboardEvent('keydown',
+              {key, bubbles: true, composed: true, cancelable: true})))"""
+            for key, taken in [("PageDown", False), ("PageUp", False), ("x", False),
+                               ("ArrowUp", True), ("+", True), ("r", True)]:
+                self.assertEqual(page.run(f"{prevented}('{key}')"), taken, key)
+            page.close()
+
+    def test_an_element_says_what_is_wrong(self):
+        with Host(self.site()) as host, Host(self.site()) as foreign:  # without CORS
+            page = self.embedded(host, "<slf-field></slf-field>")
+            page.wait("one().viewer?.state === 'failed'", 20)
+            self.assertIn("needs an attribute src", page.run("one().viewer.message"))
+            page.run(f"one().src = '{foreign.url}/field.slf', 0")
+            page.wait("one().viewer?.state === 'failed'", 15)
+            self.assertIn("(CORS)", page.run("one().viewer.message"))
+            # The whole message can be read in an element of the smallest size.
+            page.run("one().style.height = '120px', 0")
+            box, outer, whole = page.run("""[now('status'), one()].map((it) =>
+                (({left, top, right, bottom}) => [left, top, right, bottom])(
+                  it.getBoundingClientRect())).concat([now('status').scrollHeight <=
+                  now('status').clientHeight ||
+                  getComputedStyle(now('status')).overflowY === 'auto'])""")
+            self.assertTrue(whole)
+            self.assertTrue(box[0] >= outer[0] and box[1] >= outer[1] and box[2] <= outer[2] and
+                            box[3] <= outer[3], (box, outer))
+            page.close()
+
+    def test_node_imports_the_package(self):
+        if not shutil.which("node"):
+            self.skipTest("no node")
+        folder = path("node")
+        shutil.rmtree(folder, ignore_errors=True)
+        subprocess.run([os.path.join(ROOT, "scripts/npm-package"), SLF, folder], check=True)
+        package, = os.listdir(folder)
+        subprocess.run(["tar", "-C", folder, "-xzf", os.path.join(folder, package)], check=True)
+        done = subprocess.run(["node", "--input-type=module", "-e",
+                               "import {SlfField} from './package/slf-field.js';"
+                               "console.log(SlfField);"], cwd=folder, capture_output=True, text=True)
+        self.assertEqual((done.stdout, done.stderr), ("undefined\n", ""))
 
     def test_an_exported_page_has_a_poster_and_needs_no_inline_script(self):
         folder = self.site()
