@@ -22,7 +22,7 @@ export function attach(canvas, camera, {moved, tap, wheels, hears, keys, signal}
     if (pans) return camera.pan(dx / canvas.clientHeight, dy / canvas.clientHeight);
     // Close to the sphere, the same drag turns the camera less.
     const scale = kTurn / Math.min(canvas.clientWidth, canvas.clientHeight) *
-                  Math.min(1, (camera.distance - 0.9) / 2);
+                  Math.min(1, Math.max(0.06, (camera.distance - 0.9) / 2));
     const now = performance.now(), seconds = Math.max(now - last, 4) / 1000;
     last = now;
     const turn = [-dx * scale, dy * scale];

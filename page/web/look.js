@@ -220,11 +220,11 @@ button[aria-pressed="true"] { background: var(--accent); color: #06101f; }
 
 #views {
   position: absolute; bottom: 16px; left: 50%; transform: translateX(-50%); display: flex;
-  width: min(460px, calc(100% - 24px)); max-height: 40%; align-items: flex-end; gap: 8px;
+  width: min(460px, calc(100% - 24px)); max-height: 40%; gap: 8px;
   padding: 8px; backdrop-filter: blur(10px); touch-action: pan-y;
 }
-#views div { flex: 1; overflow: auto; max-height: 100%; touch-action: pan-y; }
-#views button { flex: none; font-size: 22px; }
+#views div { flex: 1; overflow: auto; touch-action: pan-y; }
+#views button { flex: none; align-self: flex-end; font-size: 22px; }
 #title { font-weight: 600; color: inherit; display: inline-block; padding: 10px 0; }
 #count { color: var(--dim); }
 #text { margin: 0; }
@@ -247,10 +247,12 @@ dialog form { margin-top: 14px; text-align: right; }
 
 @container (min-width: 641px) and (max-width: 1000px) {  /* free of #views */
   #scale { right: 16px; bottom: 116px; }
-  #views { width: min(460px, calc(100% - 240px)); }
+  #views { width: min(460px, calc(100% - 308px)); }
 }
-@container (min-width: 521px) and (max-width: 1000px) {  /* beside a panel that is unfolded */
-  #views { max-height: min(40%, 104px); }
+@container (min-width: 521px) and (max-width: 1110px) {  /* #views is beside what is unfolded */
+  :is(#panel:has(> #settings:not([hidden])), #structures:not([hidden])) ~ #views {
+    max-height: min(40%, 104px);
+  }
   #panel:has(> #settings:not([hidden])) ~ #views {
     left: 296px; right: 120px; width: auto; transform: none;
   }

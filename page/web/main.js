@@ -137,7 +137,10 @@ export class SlfField extends (globalThis.HTMLElement ?? Object) {
         failed: (error) => this.failed(error),
       });
     viewer.root = root;
-    if (this.whole) globalThis.slf = viewer;  // for tests and scripts
+    if (this.whole) {
+      globalThis.slf = viewer;                  // for tests and scripts
+      parent.postMessage('slf-field', '*');     // to a notebook around it, that it runs
+    }
     this.byId('fold').onclick = () => this.fold();
     this.byId('unroll').onclick = () => this.unroll();
     this.explain = new Explain(this, this.byId);

@@ -47,10 +47,10 @@ const kCutShort = 'The host cut an answer short.';
 
 // A file on a host of static files, read by ranges. Without ranges, a small file is fetched whole.
 export class HttpSource {
-  // Requests end once `signal` is aborted. `small`: style.css is on the same host. `first`: the ranges that readAll() will be asked for
-  // first. `onProgress(done, total)` is called while a file is fetched whole; NaN: the total is
-  // unknown. `onError(error)`: the file has changed after parts of it were read. `onWait(waits)`:
-  // the host is silent, or answers again.
+  // Requests end once `signal` is aborted. `small`: style.css is on the same host. `first`: the
+  // ranges that readAll() will be asked for first. `onProgress(done, total)` is called while a file
+  // is fetched whole; NaN: the total is unknown. `onError(error)`: the file has changed after parts
+  // of it were read. `onWait(waits)`: the host is silent, or answers again.
   constructor(url, {signal, small = true, first = [], onProgress, onError, onWait} = {}) {
     this.url = new URL(url, document.baseURI);
     Object.assign(this, {signal, small, first, onProgress, onError, onWait});

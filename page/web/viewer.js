@@ -29,8 +29,8 @@ export const calm = media('(prefers-reduced-motion: reduce)');
 export const sleep = (ms) => new Promise((done) => setTimeout(done, ms));
 
 export class Viewer {
-  // All work ends when `signal` is aborted. `on` has functions: shown() after each picture, moved(),
-  // settled(), lost(), say(text), failed(error). `state`:
+  // All work ends when `signal` is aborted. `on` has functions: shown() after each picture,
+  // moved(), settled(), lost(), say(text), failed(error). `state`:
   //
   //   opening ── begin() ──> loading <──────> settled       asking: for a file, while opening
   //     ^                       └──> lost <──────┘          failed: for good; `message` says why

@@ -134,6 +134,21 @@ class PageTest(unittest.TestCase):
                 page.close()
             self.assertEqual(server.status, -signal.SIGINT)  # as a shell expects of Ctrl-C
 
+    def test_any_distance_that_slf_render_takes_is_shown(self):
+        field = self.fields[0]
+        with Server(field) as server:
+            page = self.browser.open(server.url, SIZE, SIZE)
+            page.settle()
+            for distance in [0.5, 1.005, 60]:
+                found = self.psnr(page, field, (30, 20, distance), "depth", 2)
+                with self.subTest(distance=distance):
+                    self.assertGreaterEqual(found, MIN_PSNR["depth"])
+                    self.assertEqual(page.run("slf.camera.distance"), distance)
+            for factor, distance in [(0.9, 54), (1.1, 54), (0.1, 5.4), (0.1, 1.02), (100, 20)]:
+                page.run(f"slf.camera.zoom({factor})")  # never further than it is, or 20 radii
+                self.assertAlmostEqual(page.run("slf.camera.distance"), distance)
+            page.close()
+
     def test_chooses_the_level_that_slf_render_chooses(self):
         field = self.fields[0]
         sphere = json.loads(slf("info", field, "--json"))["sphere"]
@@ -1037,14 +1052,91 @@ class PageTest(unittest.TestCase):
             page.settle()
             page.canvas(path("before.png"))
             page.run("""globalThis.lose = slf.root.getElementById('picture').getContext('webgl2')
-                          .getExtension('WEBGL_lose_context'); lose.loseContext()""")
-            page.run("new Promise((done) => setTimeout(done, 300)).then("
-                     "() => { lose.restoreContext(); })")
-            page.run("new Promise((done) => setTimeout(done, 500))")
+                          .getExtension('WEBGL_lose_context');
+              globalThis.shown = () => slf.root.querySelector('#picture.shown');
+              globalThis.blank = 0;
+              const look = () => {  // at what the canvas shows, wherever it shows
+                requestAnimationFrame(look);
+                const canvas = shown(), gl = canvas?.getContext('webgl2');
+                if (!canvas || gl.isContextLost()) return;
+                const {width, height} = canvas, pixels = new Uint8Array(width * height * 4);
+                gl.bindFramebuffer(gl.READ_FRAMEBUFFER, null);
+                gl.readPixels(0, 0, width, height, gl.RGBA, gl.UNSIGNED_BYTE, pixels);
+                blank += !pixels.some((v, i) => i % 4 < 3 && v > 100);
+              };
+              requestAnimationFrame(look), 0""")
+            for change in ["0", "slf.camera.turn(40, 0), slf.moved()"]:  # the second one: at work
+                page.run(change + ", lose.loseContext()")
+                page.run("new Promise((done) => setTimeout(done, 300))")
+                self.assertEqual(page.run("[slf.state, shown()]"), ["lost", None])
+                page.run("lose.restoreContext(), 0")
+                page.settle()
+                self.assertEqual(page.run("[blank, shown() !== null, "
+                                          "slf.root.getElementById('status').textContent]"),
+                                 [0, True, ""])
+            page.run("slf.camera.turn(-40, 0), slf.moved()")
             page.settle()
             page.canvas(path("after.png"))
             found = json.loads(slf("compare", path("before.png"), path("after.png"), "--json"))
             self.assertTrue(found["equal"], found)
+            page.close()
+
+    def test_no_frame_shows_two_states(self):
+        """While states play over a slow link."""
+        folder = path("slow")
+        slf("export", self.stated(), "-o", folder, "-f")
+        with Host(folder, rate=4e4, delay=0.1) as host:
+            page = self.open(host.url + "/index.html#view=30,40,3")
+            page.settle()
+            page.run("""globalThis.frames = [];
+              globalThis.frame = () => {
+                const canvas = slf.root.getElementById('picture'), gl = canvas.getContext('webgl2');
+                const pixels = new Uint8Array(canvas.width * canvas.height * 4);
+                gl.bindFramebuffer(gl.READ_FRAMEBUFFER, null);
+                gl.readPixels(0, 0, canvas.width, canvas.height, gl.RGBA, gl.UNSIGNED_BYTE, pixels);
+                return pixels;
+              };
+              const shoot = () => {
+                requestAnimationFrame(shoot);
+                const now = frame(), last = frames.at(-1);
+                if (!last || now.some((v, i) => v !== last[i])) frames.push(now);
+              };
+              requestAnimationFrame(shoot), 0""")
+            self.press(page, "p")
+            # A reader turns it meanwhile.
+            page.run("""(async () => {
+              for (let i = 0; i < 60; ++i) {
+                await new Promise((done) => setTimeout(done, 50));
+                if (i % 4 === 0) slf.moved();
+              }
+            })()""")
+            page.wait("slf.field.state === 0", 60)
+            self.press(page, "p")
+            page.run("globalThis.film = frames, 0")
+            shares = []
+            for state in ["whole", "top off", "half"]:
+                page.run(f"slf.root.host.state = '{state}', 0")
+                page.settle()
+                for level in [0, 1]:
+                    page.run(f"slf.settings.level = '{level}', slf.changed(), 0")
+                    page.settle()
+                    page.run(f"(globalThis.exact ??= {{}})['{state}{level}'] = frame(), 0")
+            found = page.run("""film.map((frame) => {
+              // How much of a frame is none of the colours that a state has there.
+              const others = ['whole', 'top off', 'half'].map((state) => {
+                let wrong = 0, all = 0;
+                for (let i = 0; i < frame.length; i += 4) {
+                  const levels = [exact[state + 0][i], exact[state + 1][i]], v = frame[i];
+                  all += v > 40 || Math.max(...levels) > 40;
+                  wrong += v > Math.max(...levels) + 40 || v < Math.min(...levels) - 40;
+                }
+                return wrong / all;
+              });
+              return Math.min(...others);
+            })""")
+            print([round(v, 2) for v in found], flush=True)
+            self.assertGreater(len(found), 2)
+            self.assertLess(max(found), 0.03)
             page.close()
 
     def test_a_film_of_loading_gets_only_better(self):
@@ -1248,6 +1340,90 @@ class PageTest(unittest.TestCase):
                     self.assertTrue(a[2] <= b[0] or b[2] <= a[0] or a[3] <= b[1] or b[3] <= a[1])
             page.close()
 
+    LONG = {"views": [{"title": "A view", "orbit": [30, 10, 2.5]},
+                      {"title": "A view with a long title", "text": "And a long text. " * 30,
+                       "orbit": [60, 10, 2.5]}]}
+
+    def test_the_way_to_the_next_view_does_not_move_with_the_text(self):
+        with self.explained(self.LONG) as server:
+            for size in [(390, 844), (512, 512), (800, 600), (1200, 800)]:
+                page = self.browser.open(server.url, *size)
+                page.settle()
+                at = "['previous', 'next'].map((id) => (({x, y}) => [x, y])(" \
+                     "slf.root.getElementById(id).getBoundingClientRect()))"
+                places = page.run(at)
+                page.run("slf.root.getElementById('next').click()")
+                self.assertIn("long", page.run("slf.root.getElementById('title').textContent"))
+                with self.subTest(size=size):
+                    self.assertEqual(page.run(at), places)
+                page.close()
+
+    def test_saved_views_cover_nothing_of_the_panel_or_the_list(self):
+        with self.explained(self.LONG, self.structured()) as server:
+            for size in [(530, 400), (640, 360), (800, 600), (844, 390), (1050, 500), (1200, 700)]:
+                page = self.browser.open(server.url, *size)
+                page.settle()
+                page.run("slf.root.getElementById('next').click()")
+                for name, by in [("panel", "fold"), ("structures", "unroll")]:
+                    page.run(f"""((button) => button.ariaExpanded === 'true' || button.click())(
+                      slf.root.getElementById('{by}'))""")
+                    box = """((id) => (({left, top, right, bottom}) => [left, top, right, bottom])(
+                      slf.root.getElementById(id).getBoundingClientRect()))"""
+                    a, b = page.run(f"{box}('views')"), page.run(f"{box}('{name}')")
+                    with self.subTest(size=size, name=name):
+                        self.assertTrue(a[2] <= b[0] or b[2] <= a[0] or a[3] <= b[1] or
+                                        b[3] <= a[1], (a, b))
+                        self.assertTrue(a[0] >= 0 and a[2] <= size[0] and a[2] - a[0] > 170, a)
+                page.close()
+
+    def test_the_background_follows_the_colour_scheme_until_it_is_chosen(self):
+        with Server(self.fields[0]) as server:
+            page = self.browser.open(server.url, SIZE, SIZE)
+            page.settle()
+
+            def scheme(value):
+                page.call("Emulation.setEmulatedMedia",
+                          features=[{"name": "prefers-color-scheme", "value": value}])
+                page.settle()
+                return page.run("[slf.settings.background,"
+                                " slf.root.getElementById('background').value]")
+
+            for value, color in [("light", "#f4f5f7"), ("dark", "#000000")]:
+                self.assertEqual(scheme(value), [color, color])
+            page.run("""((input) => {
+              input.value = '#123456';
+              input.dispatchEvent(new Event('input'));
+            })(slf.root.getElementById('background'))""")
+            self.assertEqual(scheme("light"), ["#123456", "#123456"])
+            page.close()
+
+    def test_a_link_to_a_view_that_is_not_there_says_so(self):
+        with self.explained(self.LONG) as server:
+            for number in ["99", "0", "-1", "1.5", "x"]:
+                page = self.browser.open(server.url + "#saved=" + number, SIZE, SIZE)
+                page.wait("slf.root.getElementById('status').textContent.includes("
+                          f"'no saved view {number}')", 30)
+                self.assertEqual(page.run("slf.camera.toText()"), "30,10,2.5")
+                page.close()
+            page = self.browser.open(server.url + "#saved=2", SIZE, SIZE)
+            page.wait("slf.camera.toText() === '60,10,2.5'", 20)
+            page.close()
+
+    def test_screen_readers_hear_what_is_seen(self):
+        with Server(self.stated()) as server:
+            page = self.browser.open(server.url + "#view=30,20,3", SIZE, SIZE)
+            page.settle()
+            names = []
+            for key in ["ArrowRight", "."]:
+                names.append(page.run("slf.root.getElementById('picture').ariaLabel"))
+                self.press(page, key)
+                page.settle()
+            names.append(page.run("slf.root.querySelector('[aria-live]#seen').textContent"))
+            self.assertEqual(names, [
+                f"cube.raw, seen from azimuth {a}°, elevation 20°, 3 radii away; state {state}"
+                for a, state in [(30, "whole"), (36, "whole"), (36, "top off")]])
+            page.close()
+
     def test_the_scale_bar_and_the_compass_are_beside_the_views(self):
         with self.explained({"views": [{"title": "A view", "orbit": [30, 10, 2.5]}]}) as server:
             for width in (390, 650, 900, 1100):
@@ -1310,7 +1486,7 @@ class PageTest(unittest.TestCase):
 
     def test_wrong_views_are_refused(self):
         for content, place in [
-                ('{"views": [{"title": "a", "orbit": [0, 0, 0.5]}]}', "views[0].orbit: expected"),
+                ('{"views": [{"title": "a", "orbit": [0, 0, 0]}]}', "views[0].orbit: expected"),
                 ('{"views": [],\n "notes": [}', "line 2: this is no JSON"),
                 ('{"notes": [{"label": "a", "point": [1, 2]}]}', "notes[0].point: expected three"),
                 ('{"notes": [{"label": "a", "at": 1}]}', 'no member "at" is known'),
@@ -1624,7 +1800,8 @@ globalThis.right = document.getElementById('a') instanceof SlfField;""")
         subprocess.run(["tar", "-C", folder, "-xzf", os.path.join(folder, package)], check=True)
         done = subprocess.run(["node", "--input-type=module", "-e",
                                "import {SlfField} from './package/slf-field.js';"
-                               "console.log(SlfField);"], cwd=folder, capture_output=True, text=True)
+                               "console.log(SlfField);"], cwd=folder, capture_output=True,
+                              text=True)
         self.assertEqual((done.stdout, done.stderr), ("undefined\n", ""))
 
     def test_an_exported_page_has_a_poster_and_needs_no_inline_script(self):
