@@ -11,7 +11,10 @@ export const dot = (a, b) => a.reduce((sum, v, i) => sum + v * b[i], 0);
 const clamp = (v, low, high) => Math.min(Math.max(v, low), high);
 
 export class Camera {
-  constructor() { this.reset(); }
+  constructor(text) {
+    this.reset();
+    this.fromText(text);
+  }
 
   reset() {
     Object.assign(this, structuredClone(kFirst));

@@ -1,7 +1,9 @@
 // Explain: saved views, notes on the surface, the ruler and the scale bar.
 
 import {add, Camera} from './camera.js';
+import {make} from './look.js';
 
+const kFor = ', for views.json';
 const kSwipe = 40;      // pixels that a swipe moves at least
 const kProbe = 120;     // milliseconds between looks at what is behind notes and the scale bar
 const kBehind = 0.03;   // radii that a note may lie below the surface
@@ -12,8 +14,7 @@ const kCorners = [[0, 0], [1, 1], [0, 1], [1, 0]];  // of a label, that may be a
 function fill(element, text = '') {
   element.replaceChildren(...text.split(/(https?:\/\/[^\s<>]*[^\s<>.,;:!?)])/).map((part, i) =>
     i % 2 === 0 ? part
-      : Object.assign(document.createElement('a'),
-                      {href: part, textContent: part, target: '_blank', rel: 'noopener'})));
+      : make('a', {href: part, textContent: part, target: '_blank', rel: 'noopener'})));
 }
 
 // A number with as many digits as its error leaves.
@@ -32,7 +33,7 @@ export class Explain {
     byId('next').onclick = () => this.go(this.at + 1);
     byId('ruler').onclick = () => this.use('ruler');
     byId('mark').onclick = () => this.use('mark');
-    byId('copy').onclick = () => this.copy(this.currentView(), 'This view');
+    byId('copy').onclick = () => this.copy(JSON.stringify(this.currentView()), 'This view', kFor);
     const bar = byId('views');
     let from;
     bar.onpointerdown = ({clientX}) => { from = clientX; };
@@ -61,17 +62,12 @@ export class Explain {
     this.byId('views').hidden = views.length === 0;
     if (views.length > 0) this.tell(0);
     this.notes = notes.map(({label, text, point}) => {
-      const [element, button, more] = ['div', 'button', 'p'].map((n) => document.createElement(n));
+      const element = make('div', {className: 'note'}), more = make('p', {hidden: true});
+      const button = make('button', {textContent: label, ariaExpanded: text ? 'false' : null});
       const note = {element, point: this.inward(point)};
-      element.className = 'note';
-      button.textContent = label;
       fill(more, text);
-      more.hidden = true;
-      if (text) button.setAttribute('aria-expanded', 'false');
       button.onclick = () => {
-        if (!text) return;
-        more.hidden = !more.hidden;
-        button.setAttribute('aria-expanded', String(!more.hidden));
+        if (text) button.ariaExpanded = String(!(more.hidden = !more.hidden));
       };
       button.onfocus = () => note.behind && button.matches(':focus-visible') && this.face(note);
       element.append(button, more);
@@ -82,8 +78,7 @@ export class Explain {
   }
   // Turns the camera so that it sees a note.
   face({point: [x, y, z]}) {
-    const camera = new Camera();
-    camera.fromText(this.viewer.camera.toText());
+    const camera = new Camera(this.viewer.camera.toText());
     camera.azimuth = Math.atan2(x, -y) * 180 / Math.PI;
     camera.elevation = Math.atan2(z, Math.hypot(x, y)) * 180 / Math.PI;
     this.viewer.flyTo(camera.toText());
@@ -120,11 +115,10 @@ export class Explain {
             ...(this.viewer.field.structures.length > 0 &&
                 {structures: this.element.structures})};
   }
-  async copy(value, name) {
-    const text = JSON.stringify(value);
+  async copy(text, name, what = '') {
     try {
       await navigator.clipboard.writeText(text);
-      this.element.hint(`${name} is on the clipboard, for views.json.`);
+      this.element.hint(`${name} is on the clipboard${what}.`);
     } catch {
       this.element.say(text);
     }
@@ -150,8 +144,9 @@ export class Explain {
     if (!this.tool) return;
     if (!found) return this.element.say('Nothing opaque is there.');
     if (this.tool === 'mark')
-      return this.copy({label: 'Label', text: '', point: found.point.map((v) => +v.toFixed(3))},
-                       'The note');
+      return this.copy(JSON.stringify({label: 'Label', text: '',
+                                       point: found.point.map((v) => +v.toFixed(3))}),
+                       'The note', kFor);
     this.marks = [...this.marks.slice(this.marks.length === 2 ? 2 : 0), found];
     this.place();
     if (this.marks.length === 2) this.element.say(this.length().text);
@@ -228,7 +223,7 @@ export class Explain {
   // radii from the eye; none if there is no surface.
   scale(distance) {
     const {camera, canvas} = this.viewer, {clientWidth, clientHeight} = canvas;
-    const bar = this.byId('scale'), line = document.createElement('i');
+    const bar = this.byId('scale'), line = make('i');
     bar.hidden = !(distance > 0 && clientWidth > 0 && clientHeight > 0);
     if (bar.hidden) return;
     const {half} = camera.axes(clientWidth, clientHeight);

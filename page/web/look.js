@@ -1,5 +1,8 @@
 // What <slf-field> consists of, and how it looks.
 
+// A new element with these properties.
+export const make = (tag, values = {}) => Object.assign(document.createElement(tag), values);
+
 export const kMarkup = `
 <slot name="poster"></slot>
 <canvas id="picture" tabindex="0" role="img" aria-describedby="keys"
@@ -109,7 +112,7 @@ export const kStyle = `
   position: absolute; inset: 0; width: 100%; height: 100%; touch-action: pan-y; cursor: grab;
   outline-offset: -3px; opacity: 0; transition: opacity 0.2s;
 }
-:host([address]) #picture, :host(:focus-within) #picture { touch-action: none; }
+:host(:focus-within) #picture { touch-action: none; }
 #picture.shown { opacity: 1; }
 #picture:active { cursor: grabbing; }
 #picture.picks { cursor: crosshair; }
@@ -245,26 +248,16 @@ dialog h2 { margin: 0 0 10px; font-size: 16px; }
 dialog dd { text-align: left; }
 dialog form { margin-top: 14px; text-align: right; }
 
+@container (min-width: 521px) and (max-width: 1110px) {  /* the panel ends above #views */
+  #views { max-height: min(40%, 104px); }
+  #panel:has(~ #views:not([hidden])) { max-height: calc(100% - 132px); }
+}
 @container (min-width: 641px) and (max-width: 1000px) {  /* free of #views */
   #scale { right: 16px; bottom: 116px; }
-  #views { width: min(460px, calc(100% - 308px)); }
-}
-@container (min-width: 521px) and (max-width: 1110px) {  /* #views is beside what is unfolded */
-  :is(#panel:has(> #settings:not([hidden])), #structures:not([hidden])) ~ #views {
-    max-height: min(40%, 104px);
-  }
-  #panel:has(> #settings:not([hidden])) ~ #views {
-    left: 296px; right: 120px; width: auto; transform: none;
-  }
-}
-@container (min-width: 521px) and (max-width: 640px) {
-  #panel:has(> #settings:not([hidden])) ~ #views { right: 12px; }
-  #structures:has(> #parts:not([hidden])) ~ #views {
-    left: 336px; right: 12px; width: auto; transform: none;
-  }
+  #views { width: min(460px, calc(100% - 240px)); }
 }
 @container (max-width: 640px) {
-  #structures { top: 68px; left: 12px; right: auto; }
+  #structures { top: 68px; left: 12px; right: auto; max-height: calc(100% - 188px); }
   #scale { bottom: auto; top: 20px; right: 116px; }
   #compass { top: 12px; right: 12px; bottom: auto; }
 }

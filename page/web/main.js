@@ -8,7 +8,7 @@ import {attach} from './controls.js';
 import {Decoders} from './decoders.js';
 import {Explain} from './explain.js';
 import {ownColors, StructureList} from './list.js';
-import {kMarkup, kStyle} from './look.js';
+import {kMarkup, kStyle, make} from './look.js';
 import {embeddedSource, fileSource, HttpSource} from './source.js';
 import {joined, looksOf, split, textsOf} from './structures.js';
 import {media, sleep, Viewer} from './viewer.js';
@@ -30,6 +30,8 @@ const human = (n) =>
   n < 1 << 20 ? `${(n / 1024).toFixed(0)} KiB` : `${(n / (1 << 20)).toFixed(1)} MiB`;
 const light = media('(prefers-color-scheme: light)');
 const backgroundOf = ({matches}) => matches ? '#f4f5f7' : '#000000';
+const firstSettings = () => ({mode: 'depth', level: 'auto', curve: 'neutral', exposure: 0,
+                              background: backgroundOf(light)});
 const sheet = document && new CSSStyleSheet();
 sheet?.replaceSync(kStyle);
 
@@ -42,9 +44,8 @@ async function packedModule() {
   if (!globalThis.slfModule) {
     const answer = await fetch(new URL('module.bin', base)).catch(() => {});
     if (answer?.ok) return answer;
-    await new Promise((done) => document.head.append(Object.assign(
-      document.createElement('script'),
-      {src: new URL('module.bin.js', base), onload: done, onerror: done})));
+    await new Promise((done) => document.head.append(
+      make('script', {src: new URL('module.bin.js', base), onload: done, onerror: done})));
   }
   if (globalThis.slfModule) return new Response(fromBase64(globalThis.slfModule));
   throw new Error('A part of this page cannot be loaded: module.bin.');
@@ -100,8 +101,7 @@ export class SlfField extends (globalThis.HTMLElement ?? Object) {
     super();
     this.camera = new Camera();
     this.turned = false;  // whether a poster is not of what is shown
-    this.settings = {mode: 'depth', level: 'auto', curve: 'neutral', exposure: 0,
-                     background: backgroundOf(light)};
+    this.settings = firstSettings();
   }
   connectedCallback() {
     if (this.stop) return;  // it was moved within the page
@@ -123,45 +123,35 @@ export class SlfField extends (globalThis.HTMLElement ?? Object) {
     root.innerHTML = kMarkup;
     this.byId = (id) => root.getElementById(id);
     this.whole = this.hasAttribute('address');
-    const viewer = this.viewer = new Viewer(
-      this.byId('picture'), this.camera, this.settings, signal, {
-        shown: () => this.shown(),
-        moved: () => this.moved(),
-        settled: () => this.settled(),
-        say: (text) => this.say(text),
-        lost: () => {
-          this.byId('picture').classList.remove('shown');
-          this.dropPoster();
-          this.say('The graphics card was reset; waiting for it.');
-        },
-        failed: (error) => this.failed(error),
-      });
+    this.alone = this.whole && parent === globalThis;  // nothing around it scrolls
+    if (this.alone) this.byId('picture').style.touchAction = 'none';
+    const viewer = this.viewer =
+      new Viewer(this.byId('picture'), this.camera, this.settings, signal, this);
     viewer.root = root;
     if (this.whole) {
-      globalThis.slf = viewer;                  // for tests and scripts
-      parent.postMessage('slf-field', '*');     // to a notebook around it, that it runs
+      globalThis.slf = viewer;               // for tests and scripts
+      parent.postMessage('slf-field', '*');  // to a notebook around it: it runs
     }
-    this.byId('fold').onclick = () => this.fold();
-    this.byId('unroll').onclick = () => this.unroll();
+    this.byId('fold').onclick = () => this.toggle('settings');
+    this.byId('unroll').onclick = () => this.toggle('parts');
     this.explain = new Explain(this, this.byId);
     this.list = new StructureList(this.byId, (looks) => this.showLooks(looks));
     if (this.whole) this.readFragment();
     const poster = this.getAttribute('poster');
     if (poster)
-      this.byId('picture').before(Object.assign(new Image(), {src: poster, alt: '', id: 'poster'}));
+      this.byId('picture').before(make('img', {src: poster, alt: '', id: 'poster'}));
     this.dropPoster();
     const {offsetWidth, offsetHeight} = this.byId('panel');
-    if (offsetWidth * offsetHeight > kMaxPanel * this.offsetWidth * this.offsetHeight) this.fold();
+    if (offsetWidth * offsetHeight > kMaxPanel * this.offsetWidth * this.offsetHeight)
+      this.toggle('settings');
     light.addEventListener?.('change', () => {
       const {settings} = this, before = backgroundOf({matches: !light.matches});
       if (settings.background !== before) return;  // it was chosen
       settings.background = this.byId('background').value = backgroundOf(light);
       viewer.changed();
     }, {signal});
-    let begin = () => {
-      begin = () => {};
-      this.start(signal).catch((error) => viewer.fail(error));
-    };
+    let begun;
+    const begin = () => { begun ??= this.start(signal).catch((error) => viewer.fail(error)); };
     if (this.whole) return begin();
     // An element that is never in sight loads nothing.
     const sight = new IntersectionObserver((entries) => {
@@ -173,8 +163,8 @@ export class SlfField extends (globalThis.HTMLElement ?? Object) {
   }
   dispose() {
     this.stop?.abort();
-    this.stop = undefined;
-    this.filled = false;
+    this.stop = this.looks = undefined;
+    this.filled = this.plays = false;
   }
 
   // Turns the camera to a view, "azimuth,elevation,distance" and perhaps a target in radii, as the
@@ -225,10 +215,9 @@ export class SlfField extends (globalThis.HTMLElement ?? Object) {
     } else if (this.stop && before !== value) {  // another field, as if the element were new
       this.dispose();
       this.turned = true;
-      this.camera.reset();
-      this.camera.fromText(this.getAttribute('view'));
-      this.settings.state = this.getAttribute('state') ?? undefined;
-      this.settings.structures = split(this.getAttribute('structures') ?? '*');
+      this.settings = firstSettings();
+      for (const other of ['view', 'state', 'structures'])
+        this.attributeChangedCallback(other, undefined, this.getAttribute(other));
       this.mount();
     }
   }
@@ -313,6 +302,7 @@ export class SlfField extends (globalThis.HTMLElement ?? Object) {
     return new Promise((done) => {
       this.byId('file').onchange = ({target}) => {
         this.byId('choose').hidden = true;
+        this.viewer.state = 'opening';
         done(target.files[0]);
       };
     });
@@ -329,6 +319,12 @@ export class SlfField extends (globalThis.HTMLElement ?? Object) {
 
   // ---- the view ---------------------------------------------------------------------------------
 
+  // The graphics card was reset.
+  lost() {
+    this.byId('picture').classList.remove('shown');
+    this.dropPoster();
+    this.say('The graphics card was reset; waiting for it.');
+  }
   // Drops a poster that is not of what is shown.
   dropPoster() {
     if (this.turned) this.shadowRoot.querySelectorAll('slot, #poster').forEach((it) => it.remove());
@@ -400,8 +396,7 @@ export class SlfField extends (globalThis.HTMLElement ?? Object) {
     const {forward, right, down} = this.camera.axes(1, 1);
     const marks = this.viewer.field.manifest.provenance?.space ? kPatientAxes : kAxes;
     box.replaceChildren(...Object.entries(marks).map(([letter, axis]) => {
-      const mark = document.createElement('span'), near = -dot(axis, forward);
-      mark.textContent = letter;
+      const mark = make('span', {textContent: letter}), near = -dot(axis, forward);
       mark.style.left = `${50 + 40 * dot(axis, right)}%`;
       mark.style.top = `${50 + 40 * dot(axis, down)}%`;
       mark.style.opacity = String(0.65 + 0.35 * near);
@@ -440,12 +435,8 @@ export class SlfField extends (globalThis.HTMLElement ?? Object) {
       File: human(this.viewer.source.size),
     };
     this.byId('facts-list').replaceChildren(...Object.entries(facts)
-      .filter(([, v]) => v !== undefined).flatMap(([k, v]) => {
-        const term = document.createElement('dt'), fact = document.createElement('dd');
-        term.textContent = k;
-        fact.textContent = String(v);
-        return [term, fact];
-      }));
+      .filter(([, v]) => v !== undefined)
+      .flatMap(([k, v]) => [make('dt', {textContent: k}), make('dd', {textContent: v})]));
     this.byId('facts').showModal();
   }
 
@@ -456,12 +447,8 @@ export class SlfField extends (globalThis.HTMLElement ?? Object) {
       viewer.moved();
     };
     const spin = () => {
-      camera.spins = byId('spin').checked;
+      camera.spins = !camera.spins;
       moved();
-    };
-    const toggleSpin = () => {
-      byId('spin').checked = !byId('spin').checked;
-      spin();
     };
     const reset = () => {
       camera.reset();
@@ -482,21 +469,14 @@ export class SlfField extends (globalThis.HTMLElement ?? Object) {
     byId('full').onclick = fill;
     byId('about').onclick = () => this.showFacts();
     byId('save').onclick = async () => {
-      const link = document.createElement('a');
-      link.href = URL.createObjectURL(await this.picture());
-      link.download = 'view.png';
-      link.click();
-      setTimeout(() => URL.revokeObjectURL(link.href), 1000);
+      const href = URL.createObjectURL(await this.picture());
+      make('a', {href, download: 'view.png'}).click();
+      setTimeout(() => URL.revokeObjectURL(href), 1000);
     };
     byId('link').hidden = !this.whole;
-    byId('link').onclick = async () => {
+    byId('link').onclick = () => {
       this.keepLink();
-      try {
-        await navigator.clipboard.writeText(location.href);
-        this.hint('The link is on the clipboard.');
-      } catch {
-        this.hint('The address of this page is the link.');
-      }
+      explain.copy(location.href, 'The link');
     };
     const tap = (x, y) => {
       const found = viewer.pick(x, y);
@@ -506,29 +486,22 @@ export class SlfField extends (globalThis.HTMLElement ?? Object) {
     attach(canvas, camera, {
       moved, tap, signal,
       hears: this.whole ? globalThis : this,
-      // In a frame, as in a notebook, the wheel scrolls what is around until the frame is used.
-      wheels: () => this.whole && globalThis.parent === globalThis ||
-                    this.shadowRoot.activeElement && document.hasFocus(),
-      keys: {r: reset, f: fill, h: () => this.fold(), l: () => this.unroll(), ' ': toggleSpin,
-             m: () => explain.use('ruler'), p: () => this.play(),
+      wheels: () => this.alone || this.shadowRoot.activeElement && document.hasFocus(),
+      keys: {r: reset, f: fill, h: () => this.toggle('settings'), l: () => this.toggle('parts'),
+             ' ': spin, m: () => explain.use('ruler'), p: () => this.play(),
              ',': () => this.showState(viewer.field.state - 1),
              '.': () => this.showState(viewer.field.state + 1),
              pageup: () => explain.go(explain.at - 1), pagedown: () => explain.go(explain.at + 1),
              enter: () => explain.tool && tap(canvas.clientWidth / 2, canvas.clientHeight / 2)},
     });
   }
-  // Hides or shows the settings.
-  fold() { this.toggle('settings', 'fold'); }
-
-  // Hides or shows the list of structures.
-  unroll() { this.toggle('parts', 'unroll'); }
-  toggle(id, by) {
+  // Hides or shows the settings, or the parts: the list of structures.
+  toggle(id) {
     const hidden = this.byId(id).hidden = !this.byId(id).hidden;
-    this.byId(by).textContent = hidden ? '+' : '–';
-    this.byId(by).setAttribute('aria-expanded', String(!hidden));
-    const [other, otherBy] = id === 'parts' ? ['settings', 'fold'] : ['parts', 'unroll'];
-    if (!hidden && this.offsetWidth <= kNarrow && !this.byId(other).hidden)
-      this.toggle(other, otherBy);
+    const button = this.shadowRoot.querySelector(`[aria-controls=${id}]`);
+    Object.assign(button, {textContent: hidden ? '+' : '–', ariaExpanded: String(!hidden)});
+    const other = id === 'parts' ? 'settings' : 'parts';
+    if (!hidden && this.offsetWidth <= kNarrow && !this.byId(other).hidden) this.toggle(other);
   }
 
   showChoices() {
@@ -592,7 +565,7 @@ export class SlfField extends (globalThis.HTMLElement ?? Object) {
       const {offsetWidth, offsetHeight} = byId('structures');
       if (this.offsetWidth <= kNarrow ||
           offsetWidth * offsetHeight > kMaxList * this.offsetWidth * this.offsetHeight)
-        this.unroll();
+        this.toggle('parts');
     }
     this.filled = true;
     this.showChoices();

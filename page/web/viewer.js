@@ -64,8 +64,6 @@ export class Viewer {
             tiles: loader?.tiles ?? 0, slots: renderer?.slots ?? 0,
             tileBytes: renderer?.tileBytes ?? 0, damaged: loader?.damaged ?? 0};
   }
-  pages() { return this.field.shape.pages; }
-  read(pages) { return this.loader.reader.read(pages); }
 
   fail(error) {
     if (this.signal.aborted) return;
@@ -113,6 +111,7 @@ export class Viewer {
       this.renderer.open(field.shape, kTileBytes);
       this.loader.restart(this.renderer);
       this.wantFirst().then(() => {
+        if (this.state !== 'lost') return;
         this.state = 'opening';
         this.on.say('');
       }).catch(fail);
@@ -189,8 +188,7 @@ export class Viewer {
 
   // Turns the camera to another place, given as Camera.toText() says, in an eased flight.
   flyTo(text) {
-    const from = new Camera(), to = new Camera(), {camera} = this;
-    from.fromText(camera.toText());
+    const {camera} = this, from = new Camera(camera.toText()), to = new Camera(camera.toText());
     to.fromText(text);
     camera.rest();
     this.halt();
@@ -357,19 +355,6 @@ export class Viewer {
     return done;
   }
 
-  // Draws the view `count` times in full. Resolves to the milliseconds that each picture took.
-  async frameTimes(count) {
-    const times = [];
-    while (this.drawing) await sleep(2);
-    for (let i = 0; i < count; ++i) {
-      const begin = performance.now();
-      await this.drawn(this.renderer.draw({...this.view(), stamp: undefined}, 1));
-      this.renderer.fade(1);
-      times.push(performance.now() - begin);
-    }
-    return times;
-  }
-
   // ---- following --------------------------------------------------------------------------------
 
   // Begins to draw, with level 0, at first and on another graphics context. Resolves to the view's
@@ -483,8 +468,7 @@ export class Viewer {
 
   // Loads what the view will need soon.
   async lookAhead(view, needed) {
-    const ahead = new Camera();
-    Object.assign(ahead, structuredClone({...this.camera}));
+    const ahead = Object.assign(new Camera(), structuredClone({...this.camera}));
     ahead.advance(kAhead);
     const pages = await this.renderer.ask({...view, camera: ahead, stamp: undefined});
     if (this.draws) this.loader.want([...needed, ...pages]);

@@ -16,6 +16,7 @@ import subprocess
 import sys
 import time
 import unittest
+from email.utils import formatdate
 from urllib.parse import quote
 
 sys.dont_write_bytecode = True
@@ -395,7 +396,7 @@ class PageTest(unittest.TestCase):
               const {reader} = slf.loader, read = reader.read;
               globalThis.states = new Set();
               reader.read = (pages) => {
-                pages.forEach((page) => states.add(Math.floor(page / slf.pages())));
+                pages.forEach((page) => states.add(Math.floor(page / slf.field.shape.pages)));
                 return read.call(reader, pages);
               };
             })()""")
@@ -592,9 +593,9 @@ class PageTest(unittest.TestCase):
                 page.settle()
                 text = page.run(f"""(async () => {{
                   const pages = [];
-                  for (let p = 0; p < slf.pages(); p += {stride}) pages.push(p);
+                  for (let p = 0; p < slf.field.shape.pages; p += {stride}) pages.push(p);
                   const parts = [];
-                  for (const tile of await Promise.all(slf.read(pages)))
+                  for (const tile of await Promise.all(slf.loader.reader.read(pages)))
                     for (const part of [tile.color, tile.depth]) if (part) parts.push(part);
                   const all = await new Blob(parts).arrayBuffer();
                   const digest = new Uint8Array(await crypto.subtle.digest('SHA-256', all));
@@ -1228,6 +1229,37 @@ class PageTest(unittest.TestCase):
             page.settle()
             self.assertEqual(page.run("slf.root.getElementById('status').textContent"), "")
             page.close()
+
+    def test_a_busy_host_is_asked_again_when_it_says(self):
+        folder, _ = self.counted_site()
+
+        class Busy(Handler):
+            asked, until = [], 0  # times
+
+            def do_GET(self):
+                if not self.path.endswith(".slf"):
+                    return super().do_GET()
+                Busy.asked.append(time.time())
+                if len(Busy.asked) == 4:
+                    Busy.until = time.time() + 3
+                if time.time() > Busy.until:
+                    return super().do_GET()
+                self.send_response(429)
+                self.send_header("Retry-After", formatdate(Busy.until + 1, usegmt=True)
+                                 if by_date else "3")
+                self.send_header("Content-Length", "0")
+                return self.end_headers()
+
+        for by_date in [False, True]:
+            Busy.asked, Busy.until = [], 0
+            with Host(folder, "one", handler=Busy) as host:
+                page = self.open(host.url + "/index.html#level=2")
+                page.settle()
+                page.close()
+            # Those that were under way were refused, too.
+            early = [at for at in Busy.asked if Busy.until - 2.5 < at < Busy.until]
+            self.assertEqual(early, [])
+            self.assertLessEqual(len(Busy.asked), 50)
 
     def test_the_panel_starts_folded_where_it_would_cover_much(self):
         with Server(self.fields[0]) as server:
