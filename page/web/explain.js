@@ -163,7 +163,7 @@ export class Explain {
     const {viewer} = this;
     if (!viewer.field?.shape) return;
     this.placeNotes();
-    this.byId('lines').replaceChildren(...this.ruler());
+    this.byId('lines').innerHTML = this.ruler();
     const now = performance.now();
     if (now - (this.probed ?? 0) > kProbe) this.probe();
     else this.later ??= setTimeout(() => this.probe(), kProbe);
@@ -205,19 +205,13 @@ export class Explain {
     this.scale(middle?.distance);
   }
   hide(note, behind) {
-    note.behind = behind;
-    note.element.classList.toggle('behind', behind);
+    note.element.classList.toggle('behind', note.behind = behind);
   }
   ruler() {
-    const shape = (name, values) => {
-      const element = document.createElementNS('http://www.w3.org/2000/svg', name);
-      for (const [key, value] of Object.entries(values)) element.setAttribute(key, value);
-      return element;
-    };
     const ends = this.marks.map(({point}) => this.viewer.project(this.inward(point)));
     const [a, b] = ends;
-    return [...(b ? [shape('line', {x1: a.x, y1: a.y, x2: b.x, y2: b.y})] : []),
-            ...ends.map(({x, y}) => shape('circle', {cx: x, cy: y, r: 5}))];
+    return (b ? `<line x1="${a.x}" y1="${a.y}" x2="${b.x}" y2="${b.y}"/>` : '') +
+           ends.map(({x, y}) => `<circle cx="${x}" cy="${y}" r="5"/>`).join('');
   }
   // A bar of a round length, as it appears on the surface in the middle of the picture, at so many
   // radii from the eye; none if there is no surface.

@@ -38,16 +38,16 @@ export class StructureList {
     this.rows = names.map((name, k) => {
       const row = make('li'), label = make('label', {title: name}), text = make('span');
       const dot = make('i', {hidden: !colors[k]});
-      const eye = make('button', {type: 'button', className: 'eye', innerHTML: kEye});
-      const opacity = make('input', {type: 'range', min: 0, max: 1, step: 0.01});
-      const tint = make('input', {type: 'color', title: 'Tint: multiplies the colours'});
-      const only = make('button', {type: 'button', textContent: 'Only'});
+      const button = (ariaLabel, values) => make('button', {type: 'button', ariaLabel, ...values});
+      const eye = button(`Show ${name}`, {className: 'eye', innerHTML: kEye});
+      const only = button(`Only ${name}`, {textContent: 'Only'});
+      const opacity = make('input', {type: 'range', min: 0, max: 1, step: 0.01,
+                                     ariaLabel: `Opacity of ${name}`});
+      const tint = make('input', {type: 'color', title: 'Tint: multiplies the colours',
+                                  ariaLabel: `Tint of ${name}`});
       dot.style.background = colors[k];
       text.append(dot, name);
       label.append(text, opacity);
-      const said = [[eye, `Show ${name}`], [opacity, `Opacity of ${name}`],
-                    [tint, `Tint of ${name}`], [only, `Only ${name}`]];
-      for (const [part, words] of said) part.setAttribute('aria-label', words);
       row.append(eye, label, tint, only);
       eye.onclick = () => this.set(k, {shown: !this.looks[k].shown});
       // What was faded out comes back opaque.

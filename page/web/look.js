@@ -95,14 +95,14 @@ export const kStyle = `
 :host {
   color-scheme: dark light;
   --ink: #e8eaed; --dim: #b3b9c3; --panel: rgb(24 27 32 / 88%); --line: rgb(255 255 255 / 22%);
-  --accent: #7db4ff;
+  --accent: #7db4ff; --pressed: #06101f;
   display: block; position: relative; min-height: 120px; overflow: hidden; container-type: size;
   color: var(--ink); font: 14px/1.4 system-ui, sans-serif;
 }
 @media (prefers-color-scheme: light) {
   :host {
     --ink: #1c2026; --dim: #4b535e; --panel: rgb(255 255 255 / 90%); --line: rgb(0 0 0 / 24%);
-    --accent: #0b5cc4;
+    --accent: #0b5cc4; --pressed: #fff;
   }
 }
 * { box-sizing: border-box; }
@@ -156,8 +156,7 @@ input[type="color"] { width: 96px; padding: 2px; }
 input[type="range"] { width: 120px; height: 44px; accent-color: var(--accent); }
 button { cursor: pointer; }
 button:hover { border-color: var(--accent); }
-button[aria-pressed="true"] { background: var(--accent); color: #06101f; }
-@media (prefers-color-scheme: light) { button[aria-pressed="true"] { color: #fff; } }
+button[aria-pressed="true"] { background: var(--accent); color: var(--pressed); }
 .fold { border-color: transparent; padding: 0; font-size: 20px; }
 .buttons { display: grid; grid-template-columns: 1fr 1fr; gap: 6px; }
 .buttons button { padding: 2px 4px; }
@@ -235,10 +234,10 @@ a { color: var(--accent); }
 #status, #choose {
   position: absolute; bottom: 12px; left: 50%; transform: translateX(-50%); margin: 0;
   max-width: min(560px, calc(100% - 24px)); padding: 8px 14px; z-index: 1;
+  max-height: calc(100% - 24px); overflow: auto; width: max-content;
 }
 #views:not([hidden]) ~ #status:not(.wrong) { bottom: auto; top: 12px; }
 #status:empty { display: none; }
-#status { max-height: calc(100% - 24px); overflow: auto; width: max-content; }
 #status.wrong { border-color: #ff6b5e; bottom: auto; top: 50%; transform: translate(-50%, -50%); }
 dialog {
   max-width: min(560px, calc(100% - 24px)); max-height: 80%; color: var(--ink);

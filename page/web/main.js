@@ -84,7 +84,9 @@ function makeStandIn() {
   return port;
 }
 
-const kChoices = ['mode', 'level', 'background', 'curve', 'exposure'];
+const kChoices = {  // in the panel and, in these forms, in the page's address
+  mode: /^(depth|bitri)$/, level: /^(auto|\d{1,2})$/, background: /^#[0-9a-f]{6}$/i,
+  curve: /^(neutral|srgb|none)$/, exposure: /^-?([0-5](\.\d+)?|6)$/};
 const kProjections = {
   mip: 'maximum intensity projection',
   minip: 'minimum intensity projection',
@@ -105,10 +107,9 @@ export class SlfField extends (globalThis.HTMLElement ?? Object) {
   }
   connectedCallback() {
     if (this.stop) return;  // it was moved within the page
-    for (const name of SlfField.observedAttributes) {
-      if (!Object.hasOwn(this, name)) continue;  // set before the element was defined
-      const value = this[name];
-      delete this[name];
+    for (const [name, value] of Object.entries(this)) {
+      if (!SlfField.observedAttributes.includes(name)) continue;
+      delete this[name];  // it was set before the element was defined
       this[name] = value;
     }
     this.mount();
@@ -377,14 +378,10 @@ export class SlfField extends (globalThis.HTMLElement ?? Object) {
     else if (given.has('state')) settings.structures = [given.get('state')];
     this.turned ||= given.has('view') || parts !== null;
     this.saved = given.get('saved');  // the number of a saved view
-    if (['depth', 'bitri'].includes(given.get('mode'))) settings.mode = given.get('mode');
-    if (/^(auto|\d{1,2})$/.test(given.get('level') ?? '')) settings.level = given.get('level');
-    if (/^[0-9a-f]{6}$/i.test(given.get('background') ?? ''))
-      settings.background = '#' + given.get('background').toLowerCase();
-    const curve = given.get('curve');
-    if (['neutral', 'srgb', 'none'].includes(curve)) settings.curve = curve;
-    const exposure = parseFloat(given.get('exposure'));
-    if (Math.abs(exposure) <= 6) settings.exposure = exposure;
+    for (const [name, form] of Object.entries(kChoices)) {
+      const text = (name === 'background' ? '#' : '') + given.get(name);
+      if (form.test(text)) settings[name] = text.toLowerCase();
+    }
   }
 
   // A compass of the axes, those of the patient if the source states them; letters on the far side
@@ -397,10 +394,9 @@ export class SlfField extends (globalThis.HTMLElement ?? Object) {
     const marks = this.viewer.field.manifest.provenance?.space ? kPatientAxes : kAxes;
     box.replaceChildren(...Object.entries(marks).map(([letter, axis]) => {
       const mark = make('span', {textContent: letter}), near = -dot(axis, forward);
-      mark.style.left = `${50 + 40 * dot(axis, right)}%`;
-      mark.style.top = `${50 + 40 * dot(axis, down)}%`;
-      mark.style.opacity = String(0.65 + 0.35 * near);
-      mark.style.zIndex = String(Math.round(10 * near) + 10);
+      const [left, top] = [right, down].map((v) => `${50 + 40 * dot(axis, v)}%`);
+      const zIndex = Math.round(10 * near) + 10;
+      Object.assign(mark.style, {left, top, opacity: 0.65 + 0.35 * near, zIndex});
       return mark;
     }));
   }
@@ -418,10 +414,9 @@ export class SlfField extends (globalThis.HTMLElement ?? Object) {
   }
 
   showFacts() {
-    const {manifest: m} = this.viewer.field, p = m.provenance ?? {};
-    const fine = m.levels, name = (path) => String(path).split('/').pop();
+    const {manifest: m} = this.viewer.field, p = m.provenance ?? {}, fine = m.levels;
     const facts = {
-      Source: p.source ? name(p.source) : p.name,
+      Source: this.byId('name').textContent,
       State: this.settings.state,
       Structures: this.list.names?.length,
       Kind: p.kind,
@@ -456,7 +451,7 @@ export class SlfField extends (globalThis.HTMLElement ?? Object) {
     };
     const fill = () =>
       document.fullscreenElement ? document.exitFullscreen() : this.requestFullscreen?.();
-    for (const name of kChoices)
+    for (const name in kChoices)
       byId(name).addEventListener('input', ({target}) => {
         this.settings[name] = target.value;
         viewer.changed();
@@ -505,7 +500,7 @@ export class SlfField extends (globalThis.HTMLElement ?? Object) {
   }
 
   showChoices() {
-    for (const name of kChoices) this.byId(name).value = this.settings[name];
+    for (const name in kChoices) this.byId(name).value = this.settings[name];
     this.showState(this.viewer.field.stateNumber(this.settings.state));
     if (this.list.names) this.structures = this.structures;
   }

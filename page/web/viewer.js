@@ -192,8 +192,7 @@ export class Viewer {
     to.fromText(text);
     camera.rest();
     this.halt();
-    this.flight = {from, to, begin: performance.now()};
-    if (calm.matches) this.flight.begin -= kFlight;
+    this.flight = {from, to, begin: performance.now() - (calm.matches ? kFlight : 0)};
     return new Promise((done) => { this.flight.done = done; });
   }
   // Ends a flight where it is.
@@ -210,13 +209,11 @@ export class Viewer {
     this.source = this.field = this.loader = this.renderer = undefined;
   }
   fly(now) {
-    const {from, to, begin, done} = this.flight;
+    const {from, to, begin} = this.flight;
     const t = Math.min(1, Math.max(0, now - begin) / kFlight);
     this.camera.between(from, to, t * t * (3 - 2 * t));
     this.moved();
-    if (t < 1) return;
-    this.flight = undefined;
-    done();
+    if (t === 1) this.halt();
   }
 
   resize() {
@@ -311,13 +308,9 @@ export class Viewer {
       renderer.draw({...view, stamp: undefined}, Math.min(1, Math.max(kMinScale, scale))));
   }
   // Waits for what is being drawn. Nothing else may be drawn meanwhile.
-  async drawn(work) {
+  drawn(work) {
     this.drawing = true;
-    try {
-      return await work;
-    } finally {
-      this.drawing = false;
-    }
+    return work.finally(() => { this.drawing = false; });
   }
 
   // Draws the pixels of the view that are not final, in full resolution, beside what is shown.
