@@ -126,13 +126,11 @@ export class SlfField extends (globalThis.HTMLElement ?? Object) {
     this.whole = this.hasAttribute('address');
     this.alone = this.whole && parent === globalThis;  // nothing around it scrolls
     if (this.alone) this.byId('picture').style.touchAction = 'none';
+    else if (this.whole) parent.postMessage('slf-field', '*');  // to a notebook around it: it runs
     const viewer = this.viewer =
       new Viewer(this.byId('picture'), this.camera, this.settings, signal, this);
     viewer.root = root;
-    if (this.whole) {
-      globalThis.slf = viewer;               // for tests and scripts
-      parent.postMessage('slf-field', '*');  // to a notebook around it: it runs
-    }
+    if (this.whole) globalThis.slf = viewer;  // for tests and scripts
     this.byId('fold').onclick = () => this.toggle('settings');
     this.byId('unroll').onclick = () => this.toggle('parts');
     this.explain = new Explain(this, this.byId);
@@ -253,8 +251,9 @@ export class SlfField extends (globalThis.HTMLElement ?? Object) {
     this.actions(signal);
     this.drawMarks();
     this.explain.place();
-    this.explain.take(await this.findViews());
+    const views = await this.findViews();
     signal.throwIfAborted();
+    this.explain.take(views);
     if (this.saved) this.explain.open(this.saved);
     addEventListener('hashchange', () => {
       if (!this.whole) return;

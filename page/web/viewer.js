@@ -49,7 +49,8 @@ export class Viewer {
     // first, complete: traffic() until the first picture, and until the first complete one
     // stuck: the view and the tiles with which level 0 was incomplete, if it is
     // again: whether the view is loaded again, as before
-    // stale: whether the canvas shows another state, structures with other looks, or nothing
+    // stale: an object while the canvas shows another state, other structures, or nothing; each
+    //   such change has its own
     // maskOf: the view that the renderer's mask is of
   }
 
@@ -101,7 +102,7 @@ export class Viewer {
       event.preventDefault();
       if (this.ended) return;
       this.state = 'lost';
-      this.stale = true;
+      this.stale = {};
       this.changed();
       this.on.lost();
     }, {signal});
@@ -181,7 +182,7 @@ export class Viewer {
   }
   reload() {
     this.loader.show();
-    this.stale = true;
+    this.stale = {};
     this.stuck = undefined;
     this.reached = -1;
   }
@@ -289,13 +290,14 @@ export class Viewer {
     this.stuck = this.renderer.showMoving(view, kRise * seconds) ? undefined : state;
     if (this.stuck) return;
     this.maskOf = this.version;
-    const done = await this.quickly(view, kFrame);
-    if (!this.draws) return;
-    if (this.stale && !done) {  // some pixels would show another state
-      this.stuck = state;
-      return;
+    const {stale} = this, current = () => this.draws && this.stale === stale;
+    let done = await this.quickly(view, kFrame);
+    if (stale && !done && current()) {  // some pixels would show another state
+      this.renderer.show(0, []);
+      done = await this.quickly(view, kFrame);
     }
-    this.put(1);
+    if (stale && !done) this.stuck = state;
+    else if (current()) this.put(1);
     ++this.frames;
   }
 
@@ -332,7 +334,7 @@ export class Viewer {
   put(opacity) {
     this.renderer.fade(opacity);
     this.first ??= this.traffic();
-    this.stale = false;
+    this.stale = undefined;
     if (this.fading === 0) this.on.shown();
   }
 
