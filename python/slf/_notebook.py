@@ -57,8 +57,9 @@ allowfullscreen></iframe></div><p>{said}</p>"""
 
 def _served(field: Field, url: str, **shown: Any) -> str:
     url = html.escape(url, quote=True)
-    return _figure(field, f"<a href='{url}' target='_blank'>{url}</a> is there until the kernel or "
-                   "the field is closed. If this is only a picture, run the cell again to turn it.",
+    return _figure(field, f"<a href='{url}' target='_blank'>{url}</a> is there until the "
+                   "kernel ends or the field is closed. If this is only a picture, run the cell "
+                   "again to turn it.",
                    f"src='{url}'", **shown)
 
 

@@ -168,7 +168,8 @@ class NotebookTest(unittest.TestCase):
                                  "(slf.root.getElementById('picture'))")
         self.assertGreater(min(width, height), 300)
         page.run("new Promise((done) => { addEventListener('hashchange', done, {once: true});"
-                 " location.hash = 'view=30,20,3&mode=bitri&level=1'; }).then(() => 0)")
+                 f" location.hash = 'view=30,20,3&mode=bitri&level=1&test={name}'; }})"
+                 ".then(() => 0)")
         page.settle()
         page.canvas(path(name + ".png"))
         slf("render", path("field.slf"), "-o", path(name + "-slf.png"), "-f", "--mode", "bitri",
@@ -233,10 +234,11 @@ class NotebookTest(unittest.TestCase):
                 page = self.run_cells(notebook, count, name)
                 page.wait(f"getComputedStyle({FRAME}).opacity === '1'", 60)
                 page.run("Jupyter.notebook.save_notebook()")
-                page.run("Jupyter.notebook.kernel.restart(), 0")
+                page.run("globalThis.before = true, Jupyter.notebook.kernel.restart(), 0")
                 page.wait("!Jupyter.notebook.kernel.is_connected()", 20)
                 page.wait("Jupyter.notebook.kernel.is_connected()", 60)
                 page.call("Page.reload")
+                page.wait("!globalThis.before")
                 self.expect_left(page, name)
                 page.close()
         subprocess.run([sys.executable, "-m", "nbconvert", "--to", "html", "--log-level", "ERROR",
