@@ -360,9 +360,10 @@ export class SlfField extends (globalThis.HTMLElement ?? Object) {
   fragment() {
     const {settings} = this;
     const {states, state, structures} = this.viewer.field;
-    return `#view=${this.view}&mode=${settings.mode}&level=${settings.level}` +
+    return `#view=${this.view}` +
            (states.length > 1 ? `&state=${encodeURIComponent(states[state])}` : '') +
            (structures.length > 0 ? `&structures=${joined(this.structures)}` : '') +
+           `&level=${settings.level}&mode=${settings.mode}` +
            (settings.background === backgroundOf(light) ? ''
              : `&background=${settings.background.slice(1)}`) + (this.viewer.field.radiance
              ? `&curve=${settings.curve}&exposure=${settings.exposure}` : '');

@@ -168,8 +168,7 @@ class NotebookTest(unittest.TestCase):
                                  "(slf.root.getElementById('picture'))")
         self.assertGreater(min(width, height), 300)
         page.run("new Promise((done) => { addEventListener('hashchange', done, {once: true});"
-                 f" location.hash = 'view=30,20,3&mode=bitri&level=1&test={name}'; }})"
-                 ".then(() => 0)")
+                 " location.hash = 'view=30,20,3&mode=bitri&level=1'; }).then(() => 0)")
         page.settle()
         page.canvas(path(name + ".png"))
         slf("render", path("field.slf"), "-o", path(name + "-slf.png"), "-f", "--mode", "bitri",

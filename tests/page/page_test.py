@@ -109,7 +109,7 @@ class PageTest(unittest.TestCase):
         fragment = f"view={','.join(map(str, view))}&mode={mode}&level={level}" + fragment
         page.run(f"""new Promise((done) => {{
           addEventListener('hashchange', done, {{once: true}});
-          location.hash = '{fragment}&test';  // other than before
+          location.hash = '{fragment}';
         }}).then(() => 0)""")
         page.settle()
         shown, drawn = path(name + "-page.png"), path(name + "-slf.png")
