@@ -1,6 +1,7 @@
 #include "field/manifest.h"
 
 #include <algorithm>
+#include <set>
 
 #include "base/try.h"
 #include "codec/codec.h"
@@ -156,12 +157,19 @@ OwnedJson difference(const nlohmann::json& from, const nlohmann::json& to) {
 
 }  // namespace
 
-void Manifest::set_states(std::span<const std::pair<std::string, OwnedJson>> provenances) {
+Result<void> Manifest::set_states(std::span<const std::pair<std::string, OwnedJson>> provenances) {
   provenance = provenances[0].second;
   states.clear();
-  for (const auto& [name, own] : provenances)
-    if (provenances.size() > 1) states.push_back({name, difference(*provenance, *own)});
   shape.states = static_cast<unsigned>(provenances.size());
+  if (shape.states == 1) return {};
+  std::set<std::string> names;
+  for (const auto& [name, own] : provenances) {
+    if (name.empty() || !names.insert(name).second)
+      return fail(ErrorCode::usage, "state ", states.size(), " has ",
+                  name.empty() ? "no name" : "the name of another: ", name);
+    states.push_back({name, difference(*provenance, *own)});
+  }
+  return {};
 }
 
 OwnedJson Manifest::to_json() const {

@@ -39,8 +39,10 @@ struct Manifest {
   /// Whether the samples of a level are means of rays.
   [[nodiscard]] bool filtered(unsigned level) const { return level < filtered_levels; }
 
-  /// Sets the states, none if there is just one, and the provenance of each.
-  void set_states(std::span<const std::pair<std::string, OwnedJson>> provenances);
+  /// Sets the states, none if there is just one, and the provenance of each. usage: one of several
+  /// has no name, or that of another.
+  [[nodiscard]] Result<void> set_states(
+      std::span<const std::pair<std::string, OwnedJson>> provenances);
 
   [[nodiscard]] OwnedJson to_json() const;
   /// The provenance of a state. REQUIRES: it is 0, or below states.size().

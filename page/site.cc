@@ -103,7 +103,8 @@ Result<Posters> make_posters(Field field, const Views& views) {
   const Sphere& sphere = field.shape().sphere;
   std::array<double, 6> view{30, 20, 3, 0, 0, 0};  // as in camera.js
   std::ranges::copy(views.camera, view.begin());
-  Camera camera = orbit_camera(sphere, view[0], view[1], view[2], kPosterSize, kPosterSize);
+  Camera camera =
+      orbit_camera(sphere, view[0], view[1], std::max(view[2], 1.02), kPosterSize, kPosterSize);
   const glm::dvec3 aside = sphere.radius * glm::dvec3(view[3], view[4], view[5]);
   camera.eye += aside;
   camera.look_at += aside;
@@ -288,7 +289,7 @@ Result<Descriptor> repack_if_requested(const Field& field, std::string output,
   const auto own = nlohmann::json::parse(field.provenance());
   const bool tells = own.contains("content") && own.contains("source") &&
                      own["source"].dump().find('/') != std::string::npos;
-  const bool as_it_is = !drops_light && options.states.empty() && !repack.levels &&
+  const bool as_it_is = !drops_light && !field.structures() && options.states.empty() && !repack.levels &&
                         repack.codec.empty() && repack.depth && !tells;
   // In a folder, a field without an index gets one and so becomes larger; a repacked one has it.
   const bool fits = !limited || (one_file && field.file_bytes() <= room);

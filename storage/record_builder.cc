@@ -22,7 +22,7 @@ constexpr std::size_t unused(std::size_t bytes) {
 
 std::size_t CompleteRecord::bytes() const {
   std::size_t end = head.size();
-  for (const Payload& payload : payloads) end = align8(end) + payload.bytes().size();
+  for (const ByteSpan payload : payloads) end = align8(end) + payload.size();
   return std::max(end, kMinRecordBytes);
 }
 
@@ -35,7 +35,7 @@ void CompleteRecord::write(std::span<std::byte> to) const {
     end += part.size();
   };
   put(head);
-  for (const Payload& payload : payloads) put(payload.bytes());
+  for (const ByteSpan payload : payloads) put(payload);
   std::ranges::fill(to.subspan(end), std::byte{0});
 }
 
@@ -45,7 +45,7 @@ void RecordBuilder::append(NewTile tile, std::vector<CompleteRecord>& out) {
     const TileKey first = pending_.front().key;
     if (tile.key.level != first.level || tile.key.index - first.index >= kMaxTiles) {
       end_record(pending_.size(), out);
-    } else if (pending_.back().record_bytes + tile.payload.bytes().size() > kLargeRecord) {
+    } else if (pending_.back().record_bytes + tile.payload.size() > kLargeRecord) {
       end_record(best_record_end(), out);
     } else {
       break;
@@ -53,19 +53,15 @@ void RecordBuilder::append(NewTile tile, std::vector<CompleteRecord>& out) {
   }
   const std::uint64_t skipped =
       pending_.empty() ? 0 : tile.key.index - pending_.back().key.index - 1;
-  code_bytes_ += skipped + code_bytes({tile.state, tile.payload.bytes(), 0, 0, 0, tile.back});
-  stored_ += tile.payload.bytes().empty() ? 0 : 1;
-  payload_bytes_ += align8(tile.payload.bytes().size());
+  code_bytes_ += skipped + code_bytes({tile.state, tile.payload, 0, 0, 0, tile.back});
+  stored_ += tile.payload.empty() ? 0 : 1;
+  payload_bytes_ += align8(tile.payload.size());
   tile.record_bytes = align8(kRecordHeader + code_bytes_) + 8 * stored_ + payload_bytes_;
   pending_.push_back(std::move(tile));
 
   const std::size_t bytes = pending_.back().record_bytes;
   if (bytes >= kSmallRecord && (bytes > kLargeRecord || unused(bytes) <= bytes / 256))
     end_record(pending_.size(), out);
-}
-
-void RecordBuilder::copy_viewed_payloads() {
-  for (NewTile& tile : pending_) tile.payload.copy_if_view();
 }
 
 void RecordBuilder::finish(std::vector<CompleteRecord>& out) {
@@ -97,11 +93,10 @@ void RecordBuilder::end_record(std::size_t tiles, std::vector<CompleteRecord>& o
     Tile& tile = table[pending.key.index - first.index];
     tile.state = pending.state;
     tile.back = pending.back;
-    tile.payload = pending.payload.bytes();
-    if (tile.payload.empty()) continue;
-    tile.checksum =
-        pending.checksum ? *pending.checksum : payload_checksum(pending.key, tile.payload);
-    record.payloads.push_back(std::move(pending.payload));
+    if (pending.payload.empty()) continue;
+    record.own.push_back(std::move(pending.payload));
+    tile.payload = record.payloads.emplace_back(record.own.back());
+    tile.checksum = payload_checksum(pending.key, tile.payload);
   }
   record.head = encode_record_head(previous_, first, table);
   out.push_back(std::move(record));

@@ -110,12 +110,6 @@ void advise_all(const Snapshot& snapshot, std::span<const TileRef> tiles, int ad
 
 }  // namespace
 
-std::string name(TileKey key) {
-  const std::uint64_t state = state_of(key);
-  return std::to_string(key.level) + "/" + std::to_string(slf::in_state(key, 0).index) +
-         (state > 0 ? " of state " + std::to_string(state) : "");
-}
-
 Result<TileStore> TileStore::open(const std::string& path) {
   auto snapshot = SLF_TRY(Snapshot::open(path));
   return TileStore(std::move(snapshot));

@@ -24,7 +24,6 @@ using internal::CompleteRecord;
 using internal::Container;
 using internal::Environment;
 using internal::LockedFile;
-using internal::Payload;
 using internal::Put;
 using internal::RecordBuilder;
 using internal::RecordKey;
@@ -267,23 +266,12 @@ std::uint64_t TileWriter::pending_bytes() const {
 
 Result<void> TileWriter::append(TileKey key, Bytes payload, std::uint64_t back) {
   const TileState state = SLF_TRY(state_->state_with(key, payload, back));
-  return state_->append({key, state, Payload(std::move(payload)), std::nullopt, back});
+  payload.shrink_to_fit();  // codecs make room for the worst case, and many payloads wait
+  return state_->append({key, state, std::move(payload), back});
 }
 
 Result<void> TileWriter::append_missing(TileKey key) {
   return state_->append({key, TileState::missing});
-}
-
-Result<void> TileWriter::append_view(const TileRef& tile) {
-  if (tile.source != tile.key)
-    return append(tile.key, {}, state_of(tile.key) - state_of(tile.source));
-  return state_->append({tile.key, tile.state, Payload(tile.payload), tile.checksum});
-}
-
-void TileWriter::copy_viewed_payloads() {
-  for (CompleteRecord& record : state_->records)
-    for (Payload& payload : record.payloads) payload.copy_if_view();
-  state_->builder.copy_viewed_payloads();
 }
 
 Result<void> TileWriter::State::append(internal::NewTile tile) {
@@ -292,7 +280,7 @@ Result<void> TileWriter::State::append(internal::NewTile tile) {
   if (last && key <= *last)
     return misuse(place(key), "tiles are appended in key order; ", "the last one was ",
                   name(*last));
-  SLF_TRY(check_limits(key, tile.payload.bytes()));
+  SLF_TRY(check_limits(key, tile.payload));
   const std::size_t before = records.size();
   builder.append(std::move(tile), records);
   for (std::size_t k = before; k < records.size(); ++k) record_bytes += records[k].bytes();

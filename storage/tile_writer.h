@@ -53,14 +53,6 @@ class TileWriter {
   /// keys, the level is above 254, the payload is larger than 1 GiB, or there is no such state.
   [[nodiscard]] Result<void> append(TileKey key, Bytes payload, std::uint64_t back = 0);
 
-  /// Appends a tile as find() has it, of another container, without copying its payload.
-  /// REQUIRES: its store has checked the tile, and lives until commit() has written it or
-  /// copy_viewed_payloads() is called. Errors as append().
-  [[nodiscard]] Result<void> append_view(const TileRef& tile);
-
-  /// Copies those payloads given to append_view() that are not committed.
-  void copy_viewed_payloads();
-
   /// Appends a tile that is missing, so that replace() can fill it. Errors as append().
   [[nodiscard]] Result<void> append_missing(TileKey key);
 

@@ -3,8 +3,17 @@
 #include <algorithm>
 
 #include "base/try.h"
+#include "storage/tile_store.h"
 
-namespace slf::storage::internal {
+namespace slf::storage {
+
+std::string name(TileKey key) {
+  const std::uint64_t state = state_of(key);
+  return std::to_string(key.level) + "/" + std::to_string(slf::in_state(key, 0).index) +
+         (state > 0 ? " of state " + std::to_string(state) : "");
+}
+
+namespace internal {
 namespace {
 
 constexpr std::size_t kUsualCode = 3;  ///< bytes per code of the table, for payloads below 2 MiB
@@ -91,10 +100,9 @@ Result<Record> Trees::record(const Cursor& at) const {
   if (!key) return bad_file(path_, "a record's key of ", at.key().size(), " bytes, expected 9");
   auto record = parse(at);
   if (record && record->last() != *key)
-    record = fail(ErrorCode::bad_file, "a record that ends at tile ", int{record->last().level},
-                  "/", record->last().index, " lies in its place");
-  return at_place(std::move(record), path_, ": record ending at tile ", int{key->level}, "/",
-                  key->index);
+    record = fail(ErrorCode::bad_file, "a record that ends at tile ", name(record->last()),
+                  " lies in its place");
+  return at_place(std::move(record), path_, ": record ending at tile ", name(*key));
 }
 
 Result<std::optional<TileKey>> Trees::last_before(TileKey key) const {
@@ -115,7 +123,7 @@ Result<std::optional<Record>> Trees::find(TileKey key, std::uint64_t* offset) co
   SLF_TRY(unchanged());
   if (!found_record) return tl::unexpected(std::move(found_record.error()));
   if (key > found_record->last() || (found_record->previous() && key <= *found_record->previous()))
-    return bad_file(path_, "the record of tile ", int{key.level}, "/", key.index, " is lost");
+    return bad_file(path_, "the record of tile ", name(key), " is lost");
   if (key < found_record->first()) return std::nullopt;
   if (offset != nullptr && (cursor.node().flags & kBigData) == 0)
     return bad_file(path_, "a record inside a tree page");
@@ -123,4 +131,5 @@ Result<std::optional<Record>> Trees::find(TileKey key, std::uint64_t* offset) co
   return *found_record;
 }
 
-}  // namespace slf::storage::internal
+}  // namespace internal
+}  // namespace slf::storage

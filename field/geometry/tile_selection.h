@@ -34,6 +34,20 @@ class TileSelection {
   }
 
   [[nodiscard]] std::uint64_t count() const { return count_; }
+  /// Those that are not in another selection.
+  [[nodiscard]] TileSelection without(const TileSelection& other) const {
+    TileSelection left;
+    auto gone = other.ranges_.begin();
+    for (NumberRange range : ranges_) {
+      for (; gone != other.ranges_.end() && gone->begin < range.end; ++gone) {
+        if (gone->begin > range.begin) left.add({range.begin, gone->begin});
+        range.begin = std::clamp(gone->end, range.begin, range.end);
+        if (gone->end > range.end) break;
+      }
+      left.add(range);
+    }
+    return left;
+  }
   /// Ascending; between any two there is a gap.
   [[nodiscard]] const std::vector<NumberRange>& ranges() const { return ranges_; }
 

@@ -24,8 +24,7 @@ TileCache& TileReader::cache() const { return state_->cache; }
 
 Result<TileReader::Tile> TileReader::read(TileKey key) const {
   const FieldFile& file = field().file();
-  if (!file.shape().has(key))
-    return misuse(file.path(), "has no tile ", int{key.level}, "/", key.index);
+  if (!file.shape().has(key)) return misuse(file.path(), "has no tile ", storage::name(key));
 
   struct Held {
     std::shared_ptr<State> state;  // outlives the pin

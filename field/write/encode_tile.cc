@@ -52,17 +52,17 @@ struct Coarser {
 
 }  // namespace
 
-Result<void> encode_tile(TileCache& coarser, const FieldFile* earlier, TileKey key,
-                         ByteSpan samples, Bytes& payload) {
-  const TileCoder& coder = coarser.field().coder();
-  auto from = SLF_TRY(Coarser::load(coarser, coder.choose(key, samples)));
+Result<void> encode_tile(const TileCoder& coder, TileCache* coarser, const FieldFile* earlier,
+                         TileKey key, ByteSpan samples, Bytes& payload) {
+  Coarser from;
+  if (coarser) from = SLF_TRY(Coarser::load(*coarser, coder.choose(key, samples)));
   SLF_TRY(coder.encode(key, samples, from.samples, payload));
   if (!coder.uses_states()) return {};
   Bytes other, decoded(samples.size());
   const auto others = SLF_TRY(earlier_tiles(*earlier, key));
   for (const storage::TileRef& tile : others) {
     const auto named = SLF_TRY(earlier->references(tile));
-    const auto below = SLF_TRY(Coarser::load(coarser, named));
+    const auto below = SLF_TRY(Coarser::load(*coarser, named));
     SLF_TRY(earlier->decode(tile, below.samples, decoded));
     from.samples.push_back({tile.key, decoded});
     SLF_TRY(coder.encode(key, samples, from.samples, other));

@@ -5,6 +5,7 @@
 #include "base/parallel.h"
 #include "base/reporter.h"
 #include "base/try.h"
+#include "field/field_file.h"
 #include "field/geometry/tile_order.h"
 #include "field/reference_index.h"
 #include "field/write/repack_plan.h"
@@ -39,46 +40,23 @@ struct Estimate {
   }
 };
 
-/// Encodes tiles of the output.
-class SampleEncoder {
- public:
-  SampleEncoder(TileCache& tiles, const RepackPlan& plan)
-      : field_(tiles.field()),
-        tiles_(tiles),
-        plan_(plan),
-        coder_(plan.shape, plan.format, *plan.codec,
-               [this](unsigned level) -> const LevelGeometry& { return field_.geometry(level); }) {}
-
-  /// The bytes of a tile's payload; none if it is not stored.
-  [[nodiscard]] Result<std::optional<std::uint64_t>> encode(TileKey key) const {
-    Bytes samples, payload;
-    const bool is_stored = SLF_TRY(read(key, samples));
-    if (!is_stored) return std::nullopt;
-    std::vector<Bytes> kept;
-    std::vector<ReferenceSamples> from;
-    for (const TileKey reference : coder_.choose(key, samples)) {
-      const bool has_samples = SLF_TRY(read(reference, kept.emplace_back()));
-      if (has_samples) from.push_back({reference, kept.back()});
-    }
-    SLF_TRY(coder_.encode(key, samples, from, payload));
-    return payload.size();
+/// The bytes of a tile's payload, predicted from tiles of the source; none if it is not stored.
+Result<std::optional<std::uint64_t>> encoded_size(const TileSource& source, const TileCoder& coder,
+                                                  TileKey key) {
+  SourceTile tile;
+  SLF_TRY(source.tile(key, tile));
+  if (tile.ref.state != TileState::stored) return std::nullopt;
+  const std::vector<TileKey> references = coder.choose(key, tile.samples);
+  std::vector<SourceTile> tiles(references.size());
+  std::vector<ReferenceSamples> from;
+  for (std::size_t k = 0; k < references.size(); ++k) {
+    SLF_TRY(source.tile(references[k], tiles[k]));
+    from.push_back({references[k], tiles[k].samples});
   }
-
- private:
-  /// False: the tile, or one that it is predicted from, is not stored.
-  [[nodiscard]] Result<bool> read(TileKey key, Bytes& samples) const {
-    const auto tile = SLF_TRY(field_.store().find(key));
-    if (tile.state != TileState::stored) return false;
-    const auto ok = convert_samples(tiles_, plan_, key, samples);
-    if (!ok && ok.error().code != ErrorCode::tile_missing) return tl::unexpected(ok.error());
-    return ok.has_value();
-  }
-
-  const FieldFile& field_;
-  TileCache& tiles_;
-  const RepackPlan& plan_;
-  TileCoder coder_;
-};
+  Bytes payload;
+  SLF_TRY(coder.encode(key, tile.samples, from, payload));
+  return payload.size();
+}
 
 /// The exact size of copied tiles, from the tables of the records.
 Result<Estimate> count(const FieldFile& field, const FieldShape& shape) {
@@ -95,13 +73,14 @@ Result<Estimate> count(const FieldFile& field, const FieldShape& shape) {
   return sum;
 }
 
-/// Divides the tiles [begin, end) into equal ranges, and estimates by encoding one tile of each.
-Result<Estimate> sample(const SampleEncoder& encoder, const TileOrder& order, std::uint64_t begin,
-                        std::uint64_t end, unsigned threads, Reporter& progress) {
+/// Divides tiles into equal ranges, and estimates by encoding one tile of each.
+Result<Estimate> sample(const TileSource& source, const TileCoder& coder, const TileOrder& order,
+                        NumberRange tiles, unsigned threads, Reporter& progress) {
+  const auto [begin, end] = tiles;
   const std::uint64_t count = end - begin, taken = std::min(count, kSample);
   const auto encode = [&](std::uint64_t k) {
     const std::uint64_t first = begin + count * k / taken, next = begin + count * (k + 1) / taken;
-    return encoder.encode(order.key(first + mix(first) % (next - first)));
+    return encoded_size(source, coder, order.key(first + mix(first) % (next - first)));
   };
   double sum = 0, squares = 0, stored = 0;
   const auto add = [&](std::uint64_t, std::optional<std::uint64_t> bytes) {
@@ -125,28 +104,25 @@ Result<Estimate> sample(const SampleEncoder& encoder, const TileOrder& order, st
 
 Result<RepackEstimate> estimate_repack(const Field& handle, const RepackOptions& options,
                                        const ProgressCallback& progress) {
-  SLF_TRY(check_not_composed(handle));
-  const FieldFile& field = handle.file();
-  TileCache tiles(field, options.memory / 3);
-  const auto plan = SLF_TRY(plan_repack(tiles, options));
-  const FieldShape& shape = plan.shape;
+  const StateSource state{"", handle};
+  const auto plan = SLF_TRY(plan_repack({&state, 1}, options, options.memory / 3));
+  const FieldShape& shape = plan.manifest.shape;
   const TileOrder order(shape);
   Progress work;
   for (unsigned level = 0; !plan.copy && level <= shape.levels; ++level)
     work.total += std::min(kSample, shape.tiles(level));
   Reporter reporter(progress, work, "estimate interrupted");
+  const auto codec = SLF_TRY(plan.codec([&] { return reporter.go_on(); }));
+  const TileCoder coder(shape, plan.manifest.format, *codec, plan.geometries());
 
   Estimate total;
-  if (plan.copy) total = SLF_TRY(count(field, shape));
-  const SampleEncoder encoder(tiles, plan);
+  if (plan.copy) total = SLF_TRY(count(plan.first, shape));
   for (unsigned level = 0; !plan.copy && level <= shape.levels; ++level) {
-    const auto estimate = SLF_TRY(
-        at_place(sample(encoder, order, order.first_number(level), order.first_number(level + 1),
-                        thread_count(options.threads), reporter),
-                 field.path()));
+    const auto estimate = SLF_TRY(at_place(sample(*plan.source, coder, order, order.level(level),
+                                                  thread_count(options.threads), reporter),
+                                           handle.path()));
     total += estimate;
   }
-  const ByteSpan light = SLF_TRY(kept_light(field, options));
   std::uint64_t indexed = 0;
   for (unsigned level = 0; level <= shape.levels; ++level)
     if (shape.tiles(level) <= kMaxIndexedTiles) indexed += shape.tiles(level);
@@ -154,7 +130,7 @@ Result<RepackEstimate> estimate_repack(const Field& handle, const RepackOptions&
   const double file = total.bytes * (1 + kRecordShare) + kTileBytes * total.stored +
                       static_cast<double>(order.count()) + kTreeBytes +
                       kIndexedTileBytes * static_cast<double>(indexed) + kIndexBytes +
-                      static_cast<double>(plan.codec->tables().size() + light.size());
+                      static_cast<double>(codec->tables().size() + plan.light.size());
   const auto whole = [](double bytes) { return static_cast<std::uint64_t>(std::llround(bytes)); };
   RepackEstimate estimate;
   estimate.tiles = order.count();

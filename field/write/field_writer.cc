@@ -201,11 +201,6 @@ Result<void> FieldWriter::put(TileKey key, Bytes payload, std::uint64_t back) {
   return commit_when_due();
 }
 
-Result<void> FieldWriter::put_view(const storage::TileRef& tile) {
-  SLF_TRY(writer_->append_view(tile));
-  return commit_when_due();
-}
-
 Result<void> FieldWriter::put_missing(TileKey key) {
   SLF_TRY(writer_->append_missing(key));
   return commit_when_due();

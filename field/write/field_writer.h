@@ -85,14 +85,6 @@ class FieldWriter {
   /// tile or, if `back` is not 0, one that is the same as the one stored `back` states before.
   [[nodiscard]] Result<void> put(TileKey key, Bytes payload, std::uint64_t back = 0);
 
-  /// Appends a tile of another field, as find() has it, without copying its payload. REQUIRES: the
-  /// tile's store has checked it, and lives until copy_viewed_payloads() or until a commit has
-  /// written the tile.
-  [[nodiscard]] Result<void> put_view(const storage::TileRef& tile);
-
-  /// Copies the payloads given to put_view() that are not committed.
-  void copy_viewed_payloads() { writer_->copy_viewed_payloads(); }
-
   /// Appends a missing tile, which put() can fill later.
   [[nodiscard]] Result<void> put_missing(TileKey key);
 

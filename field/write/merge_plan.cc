@@ -52,13 +52,6 @@ TileSelection coverage(const Manifest& manifest, const TileOrder& order) {
   return tiles;
 }
 
-/// failed: tiles that a field claims to hold are missing. Reads the tables of its records.
-Result<void> check_complete(const FieldFile& field) {
-  const auto content = SLF_TRY(field.content());
-  if (content.complete) return {};
-  return unfinished(field.path(), "some of its tiles were not built, or were dropped");
-}
-
 Result<Source> read_source(const std::string& path) {
   auto field = FieldFile::whole(path);
   std::error_code ignored;
@@ -66,7 +59,9 @@ Result<Source> read_source(const std::string& path) {
       std::filesystem::exists(path + ".unfinished", ignored))
     return unfinished(path, "is not finished (" + path + ".unfinished)");
   if (!field) return tl::unexpected(field.error());
-  SLF_TRY(check_complete(**field));
+  const auto content = SLF_TRY((*field)->content());
+  if (!content.complete)
+    return unfinished(path, "some of its tiles were not built, or were dropped");
   const auto light = SLF_TRY((*field)->light());
   const ByteSpan tables = (*field)->codec().tables();
   return Source{path,
@@ -146,18 +141,6 @@ Result<std::vector<MergeSegment>> join(const std::vector<Source>& sources, const
   return segments;
 }
 
-/// The positions between and around the segments.
-std::vector<NumberRange> gaps(const std::vector<MergeSegment>& segments, const TileOrder& order) {
-  std::vector<NumberRange> missing;
-  std::uint64_t due = 0;
-  for (const MergeSegment& segment : segments) {
-    if (segment.tiles.begin > due) missing.push_back({due, segment.tiles.begin});
-    due = segment.tiles.end;
-  }
-  if (due < order.count()) missing.push_back({due, order.count()});
-  return missing;
-}
-
 tl::unexpected<Error> missing(const std::vector<NumberRange>& ranges, const TileOrder& order) {
   std::string names;
   for (std::size_t k = 0; k < std::min(ranges.size(), kMaxNamed); ++k)
@@ -198,7 +181,10 @@ Result<MergePlan> plan_merge(const std::vector<std::string>& paths, bool part) {
     if (plan.light.empty()) plan.light = sources[segment.source].light;
   for (const Source& source : sources) plan.commits.push_back(source.commit);
 
-  const std::vector<NumberRange> left_out = gaps(segments, order);
+  TileSelection held, all;
+  for (const NumberRange& tiles : positions) held.add(tiles);
+  all.add({0, order.count()});
+  const std::vector<NumberRange> left_out = all.without(held).ranges();
   if (left_out.empty()) return plan;
   const std::uint64_t begin = segments.front().tiles.begin, end = segments.back().tiles.end;
   const bool inside = std::ranges::any_of(

@@ -1,58 +1,10 @@
 #include "field/write/repack_plan.h"
 
-#include <algorithm>
-#include <vector>
-
-#include "base/half.h"
 #include "base/try.h"
-#include "field/geometry/tile_order.h"
+#include "field/field_file.h"
 
 namespace slf {
 namespace {
-
-using storage::TileState;
-
-/// Converts colours, and appends them. Premultiplied colours of 8 bits are clamped to alpha.
-void append_colors(ByteSpan in, bool from_half, bool to_half, Bytes& out) {
-  if (from_half == to_half) {
-    out.insert(out.end(), in.begin(), in.end());
-  } else if (to_half) {
-    out.resize(in.size() * 2);
-    for (std::size_t k = 0; k < in.size(); ++k)
-      store_le(&out[2 * k], half_from_byte(std::to_integer<std::uint8_t>(in[k])));
-  } else {
-    out.resize(in.size() / 2);
-    for (std::size_t k = 0; k < out.size(); ++k)
-      out[k] = std::byte{byte_from_half(load_le<std::uint16_t>(&in[2 * k]))};
-    for (std::size_t k = 0; k < out.size(); k += 4)
-      for (std::size_t c = k; c < k + 3; ++c) out[c] = std::min(out[c], out[k + 3]);
-  }
-}
-
-/// Fits shared tables, if the codec has any that depend on tiles, to a few of the finest level,
-/// spread over it.
-Result<std::unique_ptr<codec::Codec>> train(TileCache& cache, const RepackPlan& plan,
-                                            const std::string& codec) {
-  if (!codec::needs_training(codec))
-    return codec::train_codec(codec, plan.format, {}, plan.shape.levels);
-  const FieldFile& field = cache.field();
-  const TileOrder order(plan.shape);
-  const std::uint64_t begin = order.first_number(plan.shape.levels);
-  const std::uint64_t step = std::max<std::uint64_t>(1, (order.count() - begin) / 256);
-  std::vector<TileKey> stored;
-  for (std::uint64_t n = begin + step / 2; n < order.count(); n += step) {
-    const auto tile = SLF_TRY(field.store().find(order.key(n)));
-    if (tile.state == TileState::stored) stored.push_back(tile.key);
-  }
-  const std::size_t skip = std::max<std::size_t>(1, stored.size() / codec::kTrainingTiles);
-  std::vector<Bytes> samples;
-  for (std::size_t k = 0; k < stored.size() && samples.size() < codec::kTrainingTiles; k += skip)
-    SLF_TRY(convert_samples(cache, plan, stored[k], samples.emplace_back()));
-  std::vector<codec::TrainingTile> tiles;
-  for (std::size_t k = 0; k < samples.size(); ++k)
-    tiles.push_back({plan.tile_shape(field, stored[k * skip]), samples[k]});
-  return codec::train_codec(codec, plan.format, tiles, plan.shape.levels);
-}
 
 Result<FieldShape> plan_shape(const FieldFile& field, const RepackOptions& options) {
   FieldShape shape = field.shape();
@@ -67,55 +19,99 @@ Result<FieldShape> plan_shape(const FieldFile& field, const RepackOptions& optio
   return shape;
 }
 
+/// The codec's specification.
+Result<std::string> plan_codec(const FieldFile& field, SampleFormat format,
+                               const RepackOptions& options) {
+  const std::string codec = options.codec.empty() ? field.codec().spec() : options.codec;
+  auto plain = codec::make_codec(codec, format);
+  if (!plain && options.codec.empty() && is_half(format) && !is_half(field.format()))
+    plain = codec::make_codec("zstd", format);  // JPEG stores no half floats
+  return plain.map([](const auto& made) { return made->spec(); });
+}
+
+/// What fields must have in common to be states of one.
+OwnedJson rays_of(const FieldFile& field) {
+  Manifest rays;
+  rays.shape = field.shape();
+  rays.filtered_levels = field.manifest().filtered_levels;
+  rays.format = field.format();
+  return rays.to_json();
+}
+
+Result<void> check_joinable(std::span<const StateSource> states) {
+  const FieldFile& first = states[0].field.file();
+  for (const StateSource& state : states) {
+    const FieldFile& field = state.field.file();
+    if (rays_of(field) != rays_of(first))
+      return misuse(field.path(), "has another sphere, lattice or format than ", first.path());
+    if (field.manifest().part)
+      return misuse(field.path(), "is a part of a field; merge the parts first");
+  }
+  return {};
+}
+
+/// Whether these are all states of one field, in its order.
+bool are_one_field(std::span<const StateSource> states) {
+  const FieldFile& first = states[0].field.file();
+  for (std::size_t k = 0; k < states.size(); ++k)
+    if (const FieldFile& file = states[k].field.file();
+        states[k].field.structures() || file.path() != first.path() || file.state() != k ||
+        file.store().transaction() != first.store().transaction())
+      return false;
+  return states.size() == first.manifest().states.size();
+}
+
+/// Whether payloads can be copied: one file has them, and the tiles that they are predicted from.
+bool can_copy(std::span<const StateSource> states, const FieldShape& shape) {
+  const FieldFile& first = states[0].field.file();
+  const bool several = states.size() > 1;
+  if (states[0].field.structures() || (several && !are_one_field(states))) return false;
+  if (!first.predicts()) return true;
+  const bool whole_levels = shape.subfields == first.shape().subfields;
+  return whole_levels && (several ? shape.levels == first.shape().levels : first.state() == 0);
+}
+
 }  // namespace
 
-Result<void> check_not_composed(const Field& field) {
-  if (!field.structures()) return {};
-  return unsupported(field.path(),
-                     "is shown with structures, whose tiles no file has; copy each "
-                     "structure instead");
+TileCoder::Geometries RepackPlan::geometries() const {
+  return [&first = first](unsigned level) -> const LevelGeometry& { return first.geometry(level); };
 }
 
-Result<ByteSpan> kept_light(const FieldFile& first, const RepackOptions& options) {
-  const Result<ByteSpan> light = options.light ? first.light() : ByteSpan();
-  if (light) return light;
-  return fail(light.error().code, light.error().message, "; a copy can leave the light out");
+Result<std::unique_ptr<codec::Codec>> RepackPlan::codec(const GoOn& go_on) const {
+  if (copy) return codec::make_codec(manifest.codec, manifest.format, first.codec().tables());
+  return train_codec(*source, geometries(), manifest, go_on);
 }
 
-Result<RepackPlan> plan_repack(TileCache& tiles, const RepackOptions& options) {
-  const FieldFile& field = tiles.field();
-  RepackPlan plan;
-  plan.shape = SLF_TRY(plan_shape(field, options));
-  plan.format = sample_format(options.half.value_or(is_half(field.format())),
-                              options.depth && field.has_depth());
-  const codec::Codec& now = field.codec();
-  std::string codec = options.codec.empty() ? now.spec() : options.codec;
-  auto plain = codec::make_codec(codec, plan.format);
-  if (!plain && options.codec.empty() && is_half(plan.format) && !is_half(field.format())) {
-    codec = "zstd";  // JPEG stores no half floats
-    plain = codec::make_codec(codec, plan.format);
-  }
-  if (!plain) return tl::unexpected(plain.error());
-  // Tiles may be predicted from those of other subfields, or of earlier states.
-  const bool has_references =
-      !field.predicts() || (plan.shape.subfields == field.shape().subfields && field.state() == 0);
-  plan.copy = plan.format == field.format() && (*plain)->spec() == now.spec() && has_references;
-  plan.codec = SLF_TRY(plan.copy ? codec::make_codec(now.spec(), plan.format, now.tables())
-                                 : train(tiles, plan, codec));
+Result<RepackPlan> plan_repack(std::span<const StateSource> states, const RepackOptions& options,
+                               std::uint64_t memory) {
+  const Field& handle = states[0].field;
+  RepackPlan plan{handle.file(), handle.file().manifest(), nullptr, false, {}};
+  const FieldFile& first = plan.first;
+  Manifest& manifest = plan.manifest;
+  if (states.size() > 1) SLF_TRY(check_joinable(states));
+  manifest.shape = SLF_TRY(plan_shape(first, options));
+  manifest.format = sample_format(options.half.value_or(is_half(first.format())),
+                                  options.depth && first.has_depth());
+  manifest.codec = SLF_TRY(plan_codec(first, manifest.format, options));
+  std::vector<std::pair<std::string, OwnedJson>> provenances;
+  for (const StateSource& state : states)
+    provenances.emplace_back(state.name, nlohmann::json::parse(state.field.provenance()));
+  SLF_TRY(manifest.set_states(provenances));
+  plan.copy = manifest.format == first.format() && manifest.codec == first.codec().spec() &&
+              can_copy(states, manifest.shape);
+  const bool alone = states.size() == 1 && !first.manifest().states.empty();
+  if (plan.copy && alone)
+    plan.source = std::make_unique<StoredTiles>(first.store(), &first.coder());
+  else if (plan.copy)
+    plan.source = std::make_unique<StoredTiles>(first.store().all_states());
+  else
+    plan.source = std::make_unique<DecodedTiles>(states, manifest.format, memory);
+  if (!options.light || handle.structures()) return plan;
+  const auto light = first.light();
+  if (!light)
+    return fail(light.error().code, light.error().message, "; a copy can leave the light out");
+  plan.light = *light;
   return plan;
-}
-
-Result<void> convert_samples(TileCache& tiles, const RepackPlan& plan, TileKey key,
-                             Bytes& samples) {
-  const FieldFile& field = tiles.field();
-  const auto pin = SLF_TRY(tiles.read(key));
-  const ByteSpan in = pin.samples(), colors = in.first(field.tile_shape(key).color_bytes());
-  samples.clear();
-  append_colors(colors, is_half(field.format()), is_half(plan.format), samples);
-  if (has_depth(plan.format))
-    samples.insert(samples.end(), in.begin() + static_cast<std::ptrdiff_t>(colors.size()),
-                   in.end());
-  return {};
 }
 
 }  // namespace slf

@@ -134,8 +134,12 @@ void fill_undefined_depth(std::byte* picture, const std::vector<bool>& defined,
 
 }  // namespace
 
-TileTracer::TileTracer(std::span<const Scene* const> scenes, const Manifest& manifest)
-    : scenes_(scenes.begin(), scenes.end()), shape_(manifest.shape), format_(manifest.format) {
+TileTracer::TileTracer(std::span<const Scene* const> scenes, const Manifest& manifest,
+                       std::string place)
+    : scenes_(scenes.begin(), scenes.end()),
+      place_(std::move(place)),
+      shape_(manifest.shape),
+      format_(manifest.format) {
   for (unsigned level = 0; level <= shape_.levels; ++level) {
     filtered_.push_back(manifest.filtered(level));
     levels_.emplace_back(shape_, level);
@@ -151,18 +155,18 @@ std::uint64_t TileTracer::rays(TileKey key) const {
   return tile.samples() * rays_per_slab(key.level);
 }
 
-std::uint64_t TileTracer::rays(unsigned level) const {
+std::uint64_t TileTracer::work(unsigned level) const {
   // Every entry vertex has one owner; every exit section has a whole triangle of vertices.
-  return vertex_count(shape_.entry_resolution(level)) * section_count(level) *
-         triangle_size(shape_.exit_side) * rays_per_slab(level);
+  const std::uint64_t entries = section_count(level + shape_.entry_extra_levels);
+  return vertex_count(shape_.entry_resolution(level)) * triangle_size(shape_.exit_side) *
+         rays_per_slab(level) / entries;
 }
 
-Result<void> TileTracer::trace(TileKey key, TracedTile& tile) const {
-  if (read_) return read_(key, tile);
-  return at_place(guarded([&] { trace_rays(key, tile); }), "tile ", int{key.level}, "/", key.index);
+Result<void> TileTracer::tile(TileKey key, SourceTile& tile) const {
+  return at_place(guarded([&] { trace(key, tile); }), place_, ": tile ", storage::name(key));
 }
 
-void TileTracer::trace_rays(TileKey key, TracedTile& tile) const {
+void TileTracer::trace(TileKey key, SourceTile& tile) const {
   const TileSections sections = sections_of(key, shape_.entry_extra_levels);
   const TileShape layout = shape(key);
   const Sphere& sphere = shape_.sphere;
@@ -175,8 +179,7 @@ void TileTracer::trace_rays(TileKey key, TracedTile& tile) const {
   const auto exits = world_points(sphere, filter ? filter->exit_vertices() : vertices);
 
   const std::size_t columns = layout.columns();
-  tile.key = key;
-  tile.empty = true;
+  tile.ref = {TileState::empty, key};
   tile.samples.assign(layout.bytes(), std::byte{0});
   std::byte* const colors = tile.samples.data();
   std::byte* const depths = has_depth(format_) ? colors + layout.color_bytes() : nullptr;
@@ -210,7 +213,7 @@ void TileTracer::trace_rays(TileKey key, TracedTile& tile) const {
       if (depths) depths[at] = std::byte{byte_from_float(sample.depth)};
     }
     if (!any) continue;
-    tile.empty = false;
+    tile.ref.state = TileState::stored;
     if (depths) fill_undefined_depth(depths + row * columns, defined, shape_.exit_side);
   }
 }

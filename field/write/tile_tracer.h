@@ -6,56 +6,46 @@
 #pragma once
 
 #include <array>
-#include <functional>
 #include <span>
+#include <string>
 #include <vector>
 
-#include "base/bytes.h"
 #include "field/geometry/level_geometry.h"
 #include "field/manifest.h"
+#include "field/write/tile_source.h"
 #include "slf/scene.h"
 
 namespace slf {
 
-/// A tile's samples before encoding; reused from tile to tile.
-struct TracedTile {
-  TileKey key;
-  bool empty = true;  ///< nothing is visible; `samples` is then undefined
-  Bytes samples;      ///< with the layout of TileShape
-};
-
 /// The scenes, of one state each, must outlive the tracer. Thread-safety: const members from any
 /// thread.
-class TileTracer {
+class TileTracer final : public TileSource {
  public:
-  TileTracer(std::span<const Scene* const> scenes, const Manifest& manifest);
+  /// `place`: named by errors.
+  TileTracer(std::span<const Scene* const> scenes, const Manifest& manifest,
+             std::string place = "scene");
   TileTracer(const Scene& scene, const Manifest& manifest)
       : TileTracer(std::array{&scene}, manifest) {}
-  /// Does not trace, but reads tiles with `read`.
-  using Read = std::function<Result<void>(TileKey, TracedTile&)>;
-  TileTracer(Read read, const Manifest& manifest)
-      : TileTracer(std::span<const Scene* const>(), manifest) {
-    read_ = std::move(read);
-  }
 
-  /// Samples a tile. failed: the scene threw an exception. out_of_memory. Messages name the tile.
-  [[nodiscard]] Result<void> trace(TileKey key, TracedTile& tile) const;
+  /// Samples a tile. failed: the scene threw an exception. out_of_memory.
+  [[nodiscard]] Result<void> tile(TileKey key, SourceTile& tile) const override;
+  /// The rays of a tile, on average.
+  [[nodiscard]] std::uint64_t work(unsigned level) const override;
 
   [[nodiscard]] TileShape shape(TileKey key) const;
-  /// Approximate number of rays for a tile, or for all tiles of a level, of one state.
+  /// Approximate number of rays for a tile.
   [[nodiscard]] std::uint64_t rays(TileKey key) const;
-  [[nodiscard]] std::uint64_t rays(unsigned level) const;
   [[nodiscard]] const LevelGeometry& geometry(unsigned level) const { return levels_[level]; }
 
  private:
-  void trace_rays(TileKey key, TracedTile& tile) const;
+  void trace(TileKey key, SourceTile& tile) const;
   /// A filtered level traces the exit lattice of the next finer one, with four times the vertices.
   [[nodiscard]] std::uint64_t rays_per_slab(unsigned level) const {
     return filtered_[level] ? 4 : 1;
   }
 
   std::vector<const Scene*> scenes_;
-  Read read_;
+  std::string place_;
   FieldShape shape_;
   std::vector<bool> filtered_;  // per level
   SampleFormat format_;

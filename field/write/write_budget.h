@@ -15,16 +15,17 @@ struct WriteBudget {
   std::uint64_t pending = 0;  ///< bytes of records that wait
   std::uint64_t cache = 0;    ///< of decoded tiles: as much for the input as for coarser tiles
   unsigned threads = 1;
-  std::size_t window = 1;  ///< tiles under way
+  std::size_t window = 1;   ///< batches under way
+  std::uint64_t batch = 1;  ///< tiles that a thread takes at a time
 
-  /// Divides `memory` bytes. usage: that is too little for one thread; the message says what is
-  /// enough. REQUIRES: threads > 0.
+  /// Divides `memory` bytes. `copies`: tiles are copied as they are. usage: that is too little for
+  /// one thread; the message says what is enough. REQUIRES: threads > 0.
   [[nodiscard]] static Result<WriteBudget> divide(std::uint64_t memory, const FieldShape& shape,
-                                                  unsigned threads, const std::string& path);
+                                                  unsigned threads, bool copies,
+                                                  const std::string& path);
 };
 
-/// usage: `memory` is less than the `least` bytes that will do.
-[[nodiscard]] Result<void> check_memory(std::uint64_t memory, std::uint64_t least,
-                                        const std::string& path);
+/// The bytes of decoded tiles that a reader beside a writer may keep.
+[[nodiscard]] constexpr std::uint64_t cache_share(std::uint64_t memory) { return memory / 12; }
 
 }  // namespace slf

@@ -40,7 +40,7 @@ struct RepackReport {
   std::uint64_t file_bytes = 0;
 };
 
-/// Writes the field, in the state that it shows, to `path`, which must not exist unless `replace`
+/// Writes the field, in the state that it shows or composed, to `path`, which must not exist unless `replace`
 /// is set. Progress counts tiles. The bytes depend on the input and the options only, never on the
 /// threads.
 ///
@@ -52,8 +52,8 @@ struct RepackReport {
 /// gets its permissions.
 ///
 /// usage: a codec, level or subfield that the field cannot have; `path` exists, or is the
-/// input. unsupported: a codec that cannot hold the samples; a composed field. bad_file: a damaged
-/// tile; the message names it. io: disk full or a write error. cancelled: the callback stopped the
+/// input. unsupported: a codec that cannot hold the samples. bad_file: a damaged tile; the message
+/// names it. io: disk full or a write error. cancelled: the callback stopped the
 /// repack. busy: another process is writing `path`. failed: one has removed the new file. After an
 /// error `path` is unchanged and no other file remains. A killed process leaves PATH.repacking,
 /// which the next repack to `path` removes.
@@ -68,7 +68,7 @@ struct StateSource {
 };
 
 /// The states of `field` that are `chosen` by their names or numbers, or all. A field without
-/// states is one, with the name of its file. usage: there is no such state.
+/// states, or a composed one, is one, with the name of its file. usage: there is no such state.
 [[nodiscard]] Result<std::vector<StateSource>> state_sources(const Field& field,
                                                              std::span<const std::string> chosen);
 
@@ -76,7 +76,7 @@ struct StateSource {
 /// state: repack_field(). All states of one field, as they are: payloads are copied. Else all tiles
 /// are encoded again, as by repack_field(), which has the options and errors; those whose decoded
 /// samples are equal are stored once. usage: fields that do not fit together; a state without a
-/// name, or with that of another. tile_missing: a field that is encoded again is not complete.
+/// name, or with that of another.
 [[nodiscard]] Result<RepackReport> join_states(std::span<const StateSource> states,
                                                const std::string& path,
                                                const RepackOptions& options,

@@ -49,4 +49,4 @@ export function serve(port) {
   };
 }
 
-if (globalThis.WorkerGlobalScope) serve(globalThis);
+if (!globalThis.document) serve(globalThis);

@@ -20,35 +20,12 @@
 
 namespace slf::storage::internal {
 
-/// The bytes of a payload, which are owned or a view of the caller's.
-class Payload {
- public:
-  Payload() = default;
-  explicit Payload(Bytes own) : own_(std::move(own)) {
-    own_.shrink_to_fit();  // codecs make room for the worst case, and many payloads wait
-    bytes_ = own_;
-  }
-  explicit Payload(ByteSpan view) : bytes_(view) {}
-  Payload(Payload&&) = default;
-  Payload& operator=(Payload&&) = default;
-
-  [[nodiscard]] ByteSpan bytes() const { return bytes_; }
-  /// Copies the bytes if this is a view.
-  void copy_if_view() {
-    if (own_.empty()) own_.assign(bytes_.begin(), bytes_.end());
-    bytes_ = own_;
-  }
-
- private:
-  Bytes own_;
-  ByteSpan bytes_;
-};
-
 /// A complete record, ready to be written.
 struct CompleteRecord {
   TileKey last;
   Bytes head;  ///< the bytes before the payloads
-  std::vector<Payload> payloads;
+  std::vector<ByteSpan> payloads;
+  std::vector<Bytes> own{};  ///< payloads that nothing else holds
 
   /// The size of the whole record.
   [[nodiscard]] std::size_t bytes() const;
@@ -60,9 +37,8 @@ struct CompleteRecord {
 struct NewTile {
   TileKey key;
   TileState state = TileState::empty;
-  Payload payload = {};
-  std::optional<std::uint64_t> checksum = {};  ///< of the payload, if known
-  std::uint64_t back = 0;                      ///< as Tile::back
+  Bytes payload = {};
+  std::uint64_t back = 0;        ///< as Tile::back
   std::size_t record_bytes = 0;  ///< of a record that ends with this tile; set by RecordBuilder
 };
 
@@ -75,9 +51,6 @@ class RecordBuilder {
   /// Adds a tile. Appends the records that this completes to `out`. REQUIRES: the key is above
   /// last(); the payload has at most kMaxPayload bytes, and none unless the tile is stored.
   void append(NewTile tile, std::vector<CompleteRecord>& out);
-
-  /// Copies those payloads of the incomplete record that are views.
-  void copy_viewed_payloads();
 
   /// Completes the last record.
   void finish(std::vector<CompleteRecord>& out);

@@ -84,39 +84,6 @@ std::string bytes_of_file(const std::string& path) {
   return {std::istreambuf_iterator<char>(in), {}};
 }
 
-TEST(TileWriter, TilesOfAnotherContainerAreWrittenAsIfTheyWereAppended) {
-  TemporaryFolder folder;
-  const std::string from = folder / "from.slf";
-  const auto size = [](std::uint64_t i) { return i % 5 == 0 ? 0 : i * 7919 % 3000; };
-  {
-    TileWriter writer = create(from);
-    for (std::uint64_t i = 0; i < 500; ++i)
-      ASSERT_TRUE(ok(writer.append({0, i}, tile_bytes({0, i}, size(i)))));
-    ASSERT_TRUE(ok(writer.close()));
-  }
-  TileWriter writer = create(folder / "to.slf");
-  {
-    const auto store = TileStore::open(from);
-    ASSERT_TRUE(store);
-    for (std::uint64_t i = 0; i < 500; ++i) {
-      const auto tile = store->find({0, i});
-      ASSERT_TRUE(tile);
-      ASSERT_TRUE(ok(store->check(*tile)));
-      ASSERT_TRUE(ok(writer.append_view(*tile)));
-    }
-    EXPECT_EQ(writer.append_view({TileState::empty, {0, 4}, {}, 0}).error().code, ErrorCode::usage);
-    writer.copy_viewed_payloads();
-  }
-  std::filesystem::resize_file(from, 0);  // nothing is read from it any more
-  ASSERT_TRUE(ok(writer.close()));
-
-  TileWriter again = create(folder / "again.slf");
-  for (std::uint64_t i = 0; i < 500; ++i)
-    ASSERT_TRUE(ok(again.append({0, i}, tile_bytes({0, i}, size(i)))));
-  ASSERT_TRUE(ok(again.close()));
-  EXPECT_EQ(bytes_of_file(folder / "to.slf"), bytes_of_file(folder / "again.slf"));
-}
-
 TEST(TileWriter, ASecondWriterIsRefusedAtOnce) {
   TemporaryFolder folder;
   const std::string path = folder / "a.slf";

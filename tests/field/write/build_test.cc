@@ -493,8 +493,8 @@ TEST(Build, HalfFloatColourIsKeptBitForBit) {
     ASSERT_TRUE(tile);
     std::vector<std::byte> samples(field->file().tile_shape({1, index}).bytes());
     ASSERT_TRUE(testing::read(field->file(), *tile, samples));
-    TracedTile traced;
-    ASSERT_TRUE(tracer.trace({1, index}, traced));
+    SourceTile traced;
+    ASSERT_TRUE(tracer.tile({1, index}, traced));
     EXPECT_EQ(samples, traced.samples);
   }
 }

@@ -17,6 +17,7 @@ namespace slf {
 namespace {
 
 using ::testing::HasSubstr;
+using ::testing::Not;
 using testing::read_text;
 using testing::TemporaryFolder;
 
@@ -433,6 +434,8 @@ TEST_P(States, AnyLostRecordIsRebuilt) {
     const auto fixed = verify_field(file, {.fix = true});
     ASSERT_TRUE(fixed) << fixed.error().message;
     EXPECT_EQ(fixed->unfixed, 0u);
+    for (const Finding& finding : fixed->findings)
+      EXPECT_THAT(finding.message, Not(HasSubstr("/1125899")));  // an index in the file
     const auto left = content();
     for (const auto& [key, payload] : tiles)
       if (!left.contains(key)) lost.insert(key);
@@ -481,8 +484,59 @@ TEST_P(States, DifferencesOfLaterStatesAreFound) {
   EXPECT_TRUE(diff_fields(composed(*a, 1), composed(*a, 1))->equal());
   EXPECT_FALSE(diff_fields(composed(*a, 1), composed(*a, 0.5))->alike(100));
   EXPECT_FALSE(diff_fields(composed(*a, 1), *a)->alike(100));
-  EXPECT_EQ(repack_field(composed(*a, 1), path("no.slf"), {}).error().code, ErrorCode::unsupported);
-  EXPECT_EQ(state_sources(composed(*a, 1), {}).error().code, ErrorCode::unsupported);
+}
+
+// Of a field that is shown with structures, a copy has what is drawn.
+TEST_P(States, ACopyOfStructuresShowsThemTogether) {
+  const auto field = Field::open(build_all());
+  ASSERT_TRUE(field);
+  const auto composed = *compose(*field, {{*field->in_state(2), 1}, {*field->in_state(4), 0.5f}});
+  RepackOptions exact;
+  exact.codec = "zstd:3";
+  const auto done = repack_field(composed, path("copy.slf"), exact);
+  ASSERT_TRUE(done) << done.error().message;
+  EXPECT_EQ(done->missing + done->copied, 0u);
+  const auto copy = Field::open(path("copy.slf"));
+  ASSERT_TRUE(copy);
+  EXPECT_TRUE(diff_fields(composed, *copy)->alike(200));
+  EXPECT_FALSE(diff_fields(*field, *copy)->alike(60));
+  EXPECT_EQ(copy->provenance(), composed.provenance());
+  EXPECT_EQ(verify_field(path("copy.slf"), {})->found, 0u);
+  const auto estimate = estimate_repack(composed, exact);
+  ASSERT_TRUE(estimate) << estimate.error().message;
+  EXPECT_EQ(estimate->tiles, done->tiles);
+
+  // It may be a state of another field.
+  const auto sources = state_sources(composed, {});
+  ASSERT_TRUE(sources);
+  ASSERT_EQ(sources->size(), 1u);
+  const std::vector<StateSource> both{{"plain", *field->in_state(2)}, {"both", composed}};
+  ASSERT_TRUE(join_states(both, path("joined.slf"), exact));
+  const auto joined = Field::open(path("joined.slf"));
+  EXPECT_TRUE(diff_fields(composed, *joined->in_state(1))->alike(200));
+  EXPECT_TRUE(diff_fields(*field->in_state(2), *joined)->alike(200));
+  const std::string chosen[] = {"deep"};
+  EXPECT_EQ(state_sources(composed, chosen).error().code, ErrorCode::usage);
+}
+
+// What a state lacks, its copy lacks, whether or not it is encoded again.
+TEST_P(States, MissingTilesStayMissing) {
+  const std::string file = build_all();
+  {
+    auto writer = storage::TileWriter::resume(file);
+    ASSERT_TRUE(writer && writer->drop(in_state({1, 3}, 2)) && writer->close());
+  }
+  const auto field = Field::open(file);
+  for (const char* codec : {"", "zstd:1", "predictive:80"}) {
+    RepackOptions options;
+    options.codec = codec, options.replace = true;
+    const auto done = join_states(*state_sources(*field, {}), path("copy.slf"), options);
+    ASSERT_TRUE(done) << done.error().message;
+    EXPECT_GE(done->missing, 1u);
+    const auto copy = Field::open(path("copy.slf"))->in_state(2);
+    EXPECT_EQ(copy->file().store().find({1, 3})->state, TileState::missing);
+    EXPECT_FALSE(copy->content()->complete);
+  }
 }
 
 // The light that a field keeps is that of its first state, and so that of a copy which begins with

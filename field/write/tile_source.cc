@@ -1,0 +1,118 @@
+#include "field/write/tile_source.h"
+
+#include <algorithm>
+
+#include "base/half.h"
+#include "base/mix.h"
+#include "base/try.h"
+#include "field/field_file.h"
+#include "field/tiles/tile_cache.h"
+
+namespace slf {
+namespace {
+
+using storage::TileState;
+
+constexpr std::size_t kTrainingTries = 256;
+
+/// Converts colours, and appends them. Premultiplied colours of 8 bits are clamped to alpha.
+void append_colors(ByteSpan in, bool from_half, bool to_half, Bytes& out) {
+  if (from_half == to_half) {
+    out.insert(out.end(), in.begin(), in.end());
+  } else if (to_half) {
+    out.resize(in.size() * 2);
+    for (std::size_t k = 0; k < in.size(); ++k)
+      store_le(&out[2 * k], half_from_byte(std::to_integer<std::uint8_t>(in[k])));
+  } else {
+    out.resize(in.size() / 2);
+    for (std::size_t k = 0; k < out.size(); ++k)
+      out[k] = std::byte{byte_from_half(load_le<std::uint16_t>(&in[2 * k]))};
+    for (std::size_t k = 0; k < out.size(); k += 4)
+      for (std::size_t c = k; c < k + 3; ++c) out[c] = std::min(out[c], out[k + 3]);
+  }
+}
+
+}  // namespace
+
+Result<void> StoredTiles::tile(TileKey key, SourceTile& tile) const {
+  storage::TileRef& ref = tile.ref;
+  ref = SLF_TRY(store_.find(key));
+  if (ref.state != TileState::stored || (!alone_ && ref.source != key)) return {};
+  SLF_TRY(store_.check(ref));
+  if (!alone_) return {};
+  ref.source = key;
+  ref.payload = SLF_TRY(alone_->without_states(key, ref.payload));
+  return {};
+}
+
+void StoredTiles::prefetch(std::span<const TileKey> keys) const {
+  store_.release_all();  // pages that were read stay in the kernel's cache
+  std::vector<storage::TileRef> tiles;
+  for (const auto& found : store_.find_all(keys))
+    if (found) tiles.push_back(*found);
+  store_.advise(tiles);
+}
+
+Result<void> DecodedTiles::tile(TileKey key, SourceTile& tile) const {
+  const TileReader tiles = reader(state_of(key));
+  const TileKey own = in_state(key, 0);
+  const auto pin = SLF_TRY(tiles.cache().load(own));
+  tile.ref = {pin.state(), key};
+  if (pin.state() != TileState::stored) return {};
+  const FieldFile& field = tiles.field().file();
+  const ByteSpan in = pin.samples(), colors = in.first(field.tile_shape(own).color_bytes());
+  tile.samples.clear();
+  append_colors(colors, is_half(field.format()), is_half(format_), tile.samples);
+  if (has_depth(format_)) {
+    const ByteSpan depths = in.subspan(colors.size());
+    tile.samples.insert(tile.samples.end(), depths.begin(), depths.end());
+  }
+  return {};
+}
+
+void DecodedTiles::prefetch(std::span<const TileKey> keys) const {
+  while (!keys.empty()) {
+    const std::uint64_t state = state_of(keys.front());
+    std::vector<TileKey> own;
+    for (; !keys.empty() && state_of(keys.front()) == state; keys = keys.subspan(1))
+      own.push_back(in_state(keys.front(), 0));
+    const TileReader tiles = reader(state);
+    for (const FieldFile* file : files_of(tiles.field())) file->store().release_all();
+    (void)tiles.cache().locate(own);
+  }
+}
+
+TileReader DecodedTiles::reader(std::uint64_t state) const {
+  const std::size_t count = std::min(readers_.size(), states_.size());
+  const std::lock_guard lock(mutex_);
+  auto& kept = readers_[state % count];
+  if (!kept || kept->first != state)
+    kept.emplace(state, TileReader(states_[state].field, {.memory = memory_ / count}));
+  return kept->second;
+}
+
+Result<std::unique_ptr<codec::Codec>> train_codec(const TileSource& source,
+                                                  const TileCoder::Geometries& geometries,
+                                                  const Manifest& manifest, const GoOn& go_on) {
+  const FieldShape& shape = manifest.shape;
+  const TileOrder order(one_state(shape));
+  const NumberRange finest = order.level(shape.levels);
+  const std::size_t wanted = codec::needs_training(manifest.codec) ? codec::kTrainingTiles : 0;
+  std::vector<SourceTile> sample;
+  for (std::uint64_t t = 0;; ++t) {
+    if (!go_on()) return fail(ErrorCode::cancelled, "interrupted; nothing was written");
+    if (t == kTrainingTries || sample.size() == wanted) break;
+    SourceTile tile;
+    SLF_TRY(source.tile(order.key(finest.begin + mix(t) % finest.count()), tile));
+    if (tile.ref.state == TileState::stored) sample.push_back(std::move(tile));
+  }
+  std::vector<codec::TrainingTile> tiles;
+  for (const SourceTile& tile : sample) {
+    const auto sections = sections_of(tile.ref.key, shape.entry_extra_levels);
+    tiles.push_back(
+        {geometries(shape.levels).tile(sections.entry.index, manifest.format), tile.samples});
+  }
+  return codec::train_codec(manifest.codec, manifest.format, tiles, shape.levels);
+}
+
+}  // namespace slf

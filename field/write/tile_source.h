@@ -1,0 +1,92 @@
+// TileSource: what the tiles of a new field are made from.
+//
+// | source | has |
+// |---|---|
+// | TileTracer | samples, traced in scenes |
+// | StoredTiles | payloads of a container, to be copied |
+// | DecodedTiles | samples of fields, states and composed fields, to be encoded again |
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <span>
+#include <utility>
+#include <vector>
+
+#include "base/go_on.h"
+#include "field/manifest.h"
+#include "field/tile_coder.h"
+#include "slf/repack.h"
+#include "slf/tile_reader.h"
+#include "storage/tile_store.h"
+
+namespace slf {
+
+/// What a source has of a tile; reused from tile to tile.
+struct SourceTile {
+  storage::TileRef ref;  ///< its key and state and, from StoredTiles, the checked payload
+  Bytes samples;         ///< of a stored tile, from other sources, with the layout of TileShape
+};
+
+/// Thread-safety: any thread.
+class TileSource {
+ public:
+  virtual ~TileSource() = default;
+  /// Reads or makes a tile of the new field. Messages of errors name it.
+  [[nodiscard]] virtual Result<void> tile(TileKey key, SourceTile& tile) const = 0;
+  /// These tiles are wanted next; mapped pages of those before them no longer.
+  virtual void prefetch(std::span<const TileKey> /*keys*/) const {}
+  /// What a tile of a level takes, in units of progress.
+  [[nodiscard]] virtual std::uint64_t work(unsigned /*level*/) const { return 1; }
+};
+
+/// The payloads of a container, which must stay open until they are written.
+class StoredTiles final : public TileSource {
+ public:
+  /// `alone`: if the store shows one of several states, which becomes a field of its own, what
+  /// codes its tiles; else null.
+  explicit StoredTiles(storage::TileStore store, const TileCoder* alone = nullptr)
+      : store_(std::move(store)), alone_(alone) {}
+
+  [[nodiscard]] Result<void> tile(TileKey key, SourceTile& tile) const override;
+  void prefetch(std::span<const TileKey> keys) const override;
+
+ private:
+  storage::TileStore store_;
+  const TileCoder* alone_;
+};
+
+/// The samples of fields, each of which is a state of the new one, in another format. A tile is
+/// missing if one that it is predicted from is.
+class DecodedTiles final : public TileSource {
+ public:
+  /// `states` must outlive this. `memory`: bytes of decoded tiles.
+  DecodedTiles(std::span<const StateSource> states, SampleFormat format, std::uint64_t memory)
+      : states_(states), format_(format), memory_(memory) {}
+
+  [[nodiscard]] Result<void> tile(TileKey key, SourceTile& tile) const override;
+  void prefetch(std::span<const TileKey> keys) const override;
+
+ private:
+  [[nodiscard]] TileReader reader(std::uint64_t state) const;
+
+  const std::span<const StateSource> states_;
+  const SampleFormat format_;
+  const std::uint64_t memory_;
+  mutable std::mutex mutex_;
+  /// States are read one after the other, so two readers are enough: the threads that are ahead may
+  /// have begun the next one.
+  mutable std::array<std::optional<std::pair<std::uint64_t, TileReader>>, 2> readers_;
+};
+
+/// The codec of a new field. Its shared tables are fitted to a few tiles of the finest level,
+/// spread over it, if they depend on tiles. cancelled: stopped by `go_on`, which is asked at least
+/// once.
+[[nodiscard]] Result<std::unique_ptr<codec::Codec>> train_codec(
+    const TileSource& source, const TileCoder::Geometries& geometries, const Manifest& manifest,
+    const GoOn& go_on);
+
+}  // namespace slf

@@ -1,0 +1,188 @@
+#include "field/write/write_tiles.h"
+
+#include <algorithm>
+#include <chrono>
+#include <mutex>
+#include <utility>
+#include <vector>
+
+#include "base/parallel.h"
+#include "base/try.h"
+#include "field/field_file.h"
+#include "field/geometry/tile_order.h"
+#include "field/write/encode_tile.h"
+#include "field/write/same_tiles.h"
+
+namespace slf {
+namespace {
+
+using storage::TileState;
+using Clock = std::chrono::steady_clock;
+
+constexpr std::uint64_t kPrefetched = 64;  // tiles per call of prefetch()
+
+/// After so many commits, the coarser levels are read from the file opened anew. While it is open,
+/// LMDB reuses no page that later commits free, about four each. Opening it anew empties the cache
+/// of references.
+constexpr std::uint64_t kCommitsPerReader = 4;
+
+/// A tile that a worker made.
+struct MadeTile {
+  TileKey key;
+  TileState state = TileState::missing;
+  Bytes payload{};
+  std::uint64_t back = 0;  ///< if it is the same as one of an earlier state: how many states back
+};
+
+class Pipeline {
+ public:
+  Pipeline(const TileSource& source, const WritePlan& plan, const TileSelection& tiles,
+           FieldWriter& writer, Reporter& reporter)
+      : source_(source),
+        plan_(plan),
+        order_(plan.manifest.shape),
+        tiles_(tiles),
+        writer_(writer),
+        reporter_(reporter),
+        same_(source, order_, plan.all, plan.coder ? plan.manifest.shape.states : 1),
+        reads_own_file_(plan.coder && plan.coder->predicts() &&
+                        (!plan.coarser || plan.coder->uses_states())) {}
+
+  Result<WriteReport> run() {
+    writer_.set_pending_limit(plan_.budget.pending);
+    for (std::uint64_t begin = 0, end = 0; begin < tiles_.count(); begin = end) {
+      end = tiles_.count();
+      if (reads_own_file_) {
+        const TileKey first = key(begin);
+        end = tiles_.rank(order_.number(in_state(first_key(first.level), state_of(first) + 1)));
+        set_written({});  // it lacks the level or state before, and commits could reuse no pages
+        SLF_TRY(writer_.commit_level());
+        SLF_TRY(follow());
+      }
+      SLF_TRY(write(begin, end));
+    }
+    return report_;
+  }
+
+ private:
+  [[nodiscard]] TileKey key(std::uint64_t k) const { return order_.key(tiles_.number(k)); }
+
+  /// Makes the tiles [begin, end) on all threads, and puts them in order.
+  Result<void> write(std::uint64_t begin, std::uint64_t end) {
+    const auto& [pending, cache, threads, window, batch] = plan_.budget;
+    const auto keys = [&](std::uint64_t from, std::uint64_t count) {
+      std::vector<TileKey> some;
+      for (std::uint64_t k = from; k < std::min(from + count, end); ++k) some.push_back(key(k));
+      return some;
+    };
+    const auto new_maker = [&] {
+      return [&, tile = SourceTile()](std::uint64_t k) mutable {
+        return make_all(keys(begin + k * batch, batch), tile);
+      };
+    };
+    committed_at_ = Clock::now();
+    const std::uint64_t ahead = window * batch + kPrefetched;
+    source_.prefetch(keys(begin, ahead + kPrefetched));
+    std::uint64_t next = begin;
+    const auto put_all = [&](std::uint64_t, std::vector<MadeTile> made) -> Result<void> {
+      for (MadeTile& tile : made) {
+        SLF_TRY(put(std::move(tile)));
+        if ((++next - begin) % kPrefetched == 0) source_.prefetch(keys(next + ahead, kPrefetched));
+      }
+      return {};
+    };
+    const std::uint64_t items = (end - begin + batch - 1) / batch;
+    return make_in_order(items, threads, window, new_maker, put_all);
+  }
+
+  Result<std::vector<MadeTile>> make_all(const std::vector<TileKey>& keys, SourceTile& tile) {
+    std::vector<MadeTile> made;
+    for (const TileKey key : keys) {
+      auto one = SLF_TRY(make(key, tile));
+      made.push_back(std::move(one));
+    }
+    return made;
+  }
+
+  Result<MadeTile> make(TileKey key, SourceTile& tile) {
+    SLF_TRY(source_.tile(key, tile));
+    MadeTile made{key, tile.ref.state};
+    const auto source = SLF_TRY(plan_.coder ? same_.find(tile) : tile.ref.source);
+    made.back = state_of(key) - state_of(source);
+    if (made.state != TileState::stored || made.back > 0) return made;
+    if (!plan_.coder) {
+      made.payload.assign(tile.ref.payload.begin(), tile.ref.payload.end());
+      return made;
+    }
+    const auto own = written();
+    const auto& coarser = plan_.coarser ? plan_.coarser : own;
+    SLF_TRY(encode_tile(*plan_.coder, coarser ? &coarser->cache() : nullptr,
+                        own ? &own->field().file() : nullptr, key, tile.samples, made.payload));
+    return made;
+  }
+
+  Result<void> put(MadeTile tile) {
+    const TileKey key = tile.key;
+    const bool missing = tile.state == TileState::missing;
+    ++(missing ? report_.missing : report_.tiles);
+    report_.payload_bytes += tile.payload.size();
+    if (!missing)
+      SLF_TRY(writer_.put(key, std::move(tile.payload), tile.back));
+    else if (plan_.manifest.holds(key))
+      SLF_TRY(writer_.put_missing(key));
+    auto go_on = reporter_.add(source_.work(key.level));
+    const std::chrono::duration<double> interval(plan_.commit_seconds);
+    if (!go_on || Clock::now() - committed_at_ >= interval) {
+      SLF_TRY(writer_.commit());
+      SLF_TRY(follow());
+      committed_at_ = Clock::now();
+    }
+    return go_on;
+  }
+
+  /// Opens the file that is being written as of the last commit, if it is read, and was not opened
+  /// for some commits.
+  Result<void> follow() {
+    const auto own = written();
+    const auto read = [&] { return own->field().file().store().transaction(); };
+    if (!reads_own_file_ || (own && writer_.transaction() < read() + kCommitsPerReader)) return {};
+    auto opened = SLF_TRY(FieldFile::whole(writer_.file()));
+    set_written(TileReader(Field::of(std::move(opened)), {.memory = plan_.budget.cache}));
+    return {};
+  }
+
+  /// The tiles of the file that is being written, or none. Workers read them while the writer
+  /// replaces the file. A mutex guards it, because the load() of libstdc++ 12's atomic shared_ptr
+  /// does not release.
+  [[nodiscard]] std::optional<TileReader> written() const {
+    const std::lock_guard lock(mutex_);
+    return written_;
+  }
+  void set_written(std::optional<TileReader> tiles) {
+    const std::lock_guard lock(mutex_);
+    written_.swap(tiles);  // the last user of the old one closes it
+  }
+
+  const TileSource& source_;
+  const WritePlan& plan_;
+  const TileOrder order_;
+  const TileSelection& tiles_;
+  FieldWriter& writer_;
+  Reporter& reporter_;
+  SameTiles same_;
+  const bool reads_own_file_;  // to predict tiles
+  WriteReport report_;
+  Clock::time_point committed_at_;
+  mutable std::mutex mutex_;
+  std::optional<TileReader> written_;
+};
+
+}  // namespace
+
+Result<WriteReport> write_tiles(const TileSource& source, const WritePlan& plan,
+                                const TileSelection& tiles, FieldWriter& writer,
+                                Reporter& reporter) {
+  return Pipeline(source, plan, tiles, writer, reporter).run();
+}
+
+}  // namespace slf
