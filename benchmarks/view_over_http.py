@@ -58,6 +58,17 @@ Object.defineProperty(self, 'onmessage', {set(answer) {
     work.last = end;
   });
 }})"""
+DRAWN = """async (count) => {
+  const times = [];
+  while (slf.drawing) await new Promise((done) => setTimeout(done, 2));
+  for (let i = 0; i < count; ++i) {
+    const begin = performance.now();
+    await slf.drawn(slf.renderer.draw({...slf.view(), stamp: undefined}, 1));
+    slf.renderer.fade(1);
+    times.push(performance.now() - begin);
+  }
+  return times;
+}"""
 LINKS = {"at once": (None, 0.0), "10 Mbit/s, 40 ms": (1.25e6, 0.04)}
 
 
@@ -145,7 +156,7 @@ def main():
                         page.wait("!slf.statistics().busy")
                         found = page.run("slf.statistics()")
                         if (ranges, rate) == ("many", None):
-                            frames[text] = page.run(f"slf.frameTimes({FRAMES})")
+                            frames[text] = page.run(f"({DRAWN})({FRAMES})")
                         page.close()
                         first, complete = found["first"], found["complete"]
                         row = {"ranges": ranges, "link": link, "view": view, "payload": payload,

@@ -231,8 +231,7 @@ void add_tone(CLI::App& command, ToneMapping& tone, const char* heading) {
 }
 
 CLI::Option* add_orbit(CLI::App& command, std::vector<double>& orbit, const std::string& help) {
-  constexpr double kMaxDistance = 1e6;
-  CLI::Validator distance = number([](double v) { return v > 0 && v <= kMaxDistance; },
+  CLI::Validator distance = number([](double v) { return v > 0 && v <= kMaxOrbit; },
                                    "a distance above 0, at most 1e6, in sphere radii");
   distance.application_index(2);
   return of_numbers(command.add_option("--orbit", orbit, help), 3)

@@ -103,8 +103,7 @@ Result<Posters> make_posters(Field field, const Views& views) {
   const Sphere& sphere = field.shape().sphere;
   std::array<double, 6> view{30, 20, 3, 0, 0, 0};  // as in camera.js
   std::ranges::copy(views.camera, view.begin());
-  Camera camera =
-      orbit_camera(sphere, view[0], view[1], std::max(view[2], 1.02), kPosterSize, kPosterSize);
+  Camera camera = orbit_camera(sphere, view[0], view[1], view[2], kPosterSize, kPosterSize);
   const glm::dvec3 aside = sphere.radius * glm::dvec3(view[3], view[4], view[5]);
   camera.eye += aside;
   camera.look_at += aside;

@@ -13,6 +13,7 @@
 #include "base/try.h"
 #include "field/structure_looks.h"
 #include "page/site.h"
+#include "slf/camera.h"
 
 namespace slf::page {
 namespace {
@@ -51,9 +52,11 @@ std::string_view expected(const json& value, Kind kind) {
     case Kind::text:
       return value.is_string() ? "" : "a text";
     case Kind::orbit:
-      if (three && std::abs(value[1].get<double>()) <= 90 && value[2].get<double>() > 1) return "";
+      if (three && std::abs(value[1].get<double>()) <= 90 && value[2].get<double>() > 0 &&
+          value[2].get<double>() <= kMaxOrbit)
+        return "";
       return "[azimuth, elevation, distance]: degrees, elevations "
-             "from -90 to 90, and radii of the sphere, above 1";
+             "from -90 to 90, and radii of the sphere, above 0, at most 1e6";
     case Kind::point:
       return three ? "" : "three numbers [x, y, z] in world units";
     case Kind::titles:

@@ -65,6 +65,9 @@ class RayGenerator {
 [[nodiscard]] double fitted_fov(const Sphere& sphere, double distance, std::uint32_t width,
                                 std::uint32_t height);
 
+/// Distances of orbits are above 0 and at most this, in sphere radii.
+constexpr double kMaxOrbit = 1e6;
+
 /// A camera that looks at the centre, from an azimuth and elevation in degrees and a distance in
 /// sphere radii. Azimuth 0 is the front (-y, anterior), 90 the patient's left (+x). Elevation 90 is
 /// above (+z). The field of view is fitted_fov() for a distance of 3, whatever the distance is, so

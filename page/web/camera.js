@@ -3,14 +3,18 @@
 
 const kRadians = Math.PI / 180;
 export const kFirst = {azimuth: 30, elevation: 20, distance: 3, target: [0, 0, 0]};
-const kMinDistance = 1.02, kMaxDistance = 20;
+const kNear = 1.02, kFar = 20;  // as near and as far as zooming gets
+const kMaxOrbit = 1e6;          // of a view that is given, as slf takes it
 
 export const add = (a, b, t = 1) => a.map((v, i) => v + t * b[i]);
 export const dot = (a, b) => a.reduce((sum, v, i) => sum + v * b[i], 0);
 const clamp = (v, low, high) => Math.min(Math.max(v, low), high);
 
 export class Camera {
-  constructor() { this.reset(); }
+  constructor(text) {
+    this.reset();
+    this.fromText(text);
+  }
 
   reset() {
     Object.assign(this, structuredClone(kFirst));
@@ -34,7 +38,10 @@ export class Camera {
     this.azimuth = ((this.azimuth + azimuth) % 360 + 360) % 360;
     this.elevation = clamp(this.elevation + elevation, -90, 90);
   }
-  zoom(factor) { this.distance = clamp(this.distance * factor, kMinDistance, kMaxDistance); }
+  zoom(factor) {
+    const {distance} = this;
+    this.distance = clamp(distance * factor, Math.min(kNear, distance), Math.max(kFar, distance));
+  }
   // Moves the point that the camera orbits, by fractions of the picture's height.
   pan(x, y) {
     const {right, down, half} = this.axes(1, 1);
@@ -70,14 +77,15 @@ export class Camera {
     const parts = [this.azimuth, this.elevation, this.distance];
     return [...parts, ...(this.target.some((v) => v !== 0) ? this.target : [])].map(n).join(',');
   }
-  // Changes nothing if the text is not what toText() returns.
+  // Changes nothing if the text is none that toText() could return.
   fromText(text) {
     const v = String(text).split(',').map(Number);
     if (![3, 6].includes(v.length) || !v.every(Number.isFinite)) return;
+    if (v[2] <= 0 || v[2] > kMaxOrbit) return;
     this.reset();
     this.azimuth = (v[0] % 360 + 360) % 360;
     this.elevation = clamp(v[1], -90, 90);
-    this.distance = clamp(v[2], kMinDistance, kMaxDistance);
+    this.distance = v[2];
     if (v.length === 6) this.target = v.slice(3).map((t) => clamp(t, -1, 1));
   }
 }

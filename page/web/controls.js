@@ -8,8 +8,8 @@ const kDoubleTap = 300, kTapMoves = 6, kTapApart = 24;  // milliseconds, pixels,
 
 // Calls `moved` after each change, and `tap(x, y)` when the canvas is clicked. `wheels()`: whether
 // the wheel zooms. `hears` is what keys are pressed in; `keys` maps further ones to functions:
-// {r: function, …}.
-export function attach(canvas, camera, {moved, tap, wheels, hears, keys}) {
+// {r: function, …}; one that returns false leaves the key to the page. `signal` ends it.
+export function attach(canvas, camera, {moved, tap, wheels, hears, keys, signal}) {
   const pointers = new Map();
   let last = 0, tapped = {}, travelled = 0;
 
@@ -22,7 +22,7 @@ export function attach(canvas, camera, {moved, tap, wheels, hears, keys}) {
     if (pans) return camera.pan(dx / canvas.clientHeight, dy / canvas.clientHeight);
     // Close to the sphere, the same drag turns the camera less.
     const scale = kTurn / Math.min(canvas.clientWidth, canvas.clientHeight) *
-                  Math.min(1, (camera.distance - 0.9) / 2);
+                  Math.min(1, Math.max(0.06, (camera.distance - 0.9) / 2));
     const now = performance.now(), seconds = Math.max(now - last, 4) / 1000;
     last = now;
     const turn = [-dx * scale, dy * scale];
@@ -72,24 +72,24 @@ export function attach(canvas, camera, {moved, tap, wheels, hears, keys}) {
   canvas.addEventListener('contextmenu', (event) => event.preventDefault());
   canvas.addEventListener('wheel', (event) => {
     if (!wheels()) return;
-    event.preventDefault();
     const pixels = event.deltaY * (event.deltaMode === 1 ? 33 : event.deltaMode === 2 ? 400 : 1);
+    const before = camera.distance;
     camera.zoom(Math.exp(Math.min(Math.max(pixels, -300), 300) * 0.0015));
+    if (camera.distance === before) return;  // the page scrolls
+    event.preventDefault();
     moved();
   }, {passive: false});
 
   const arrows = {ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1]};
+  const zooms = {'+': 0.9, '=': 0.9, '-': 1 / 0.9};
   hears.addEventListener('keydown', (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey) return;
     if (event.composedPath()[0].closest?.('a, button, select, input, dialog')) return;
-    const arrow = arrows[event.key];
+    const arrow = arrows[event.key], zoom = zooms[event.key];
+    const act = keys[event.key.toLowerCase()] ?? (() => arrow || zoom ? moved() : false);
     if (arrow && event.shiftKey) camera.pan(-arrow[0] * 0.04, arrow[1] * 0.04);
     else if (arrow) camera.turn(arrow[0] * kStep, arrow[1] * kStep);
-    else if (event.key === '+' || event.key === '=') camera.zoom(0.9);
-    else if (event.key === '-') camera.zoom(1 / 0.9);
-    else if (!keys[event.key.toLowerCase()]) return;
-    event.preventDefault();
-    if (keys[event.key.toLowerCase()]) keys[event.key.toLowerCase()]();
-    else moved();
-  });
+    else if (zoom) camera.zoom(zoom);
+    if (act() !== false) event.preventDefault();
+  }, {signal});
 }

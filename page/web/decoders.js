@@ -51,6 +51,9 @@ export class Decoders {
       this.post(worker, {action: 'open', module, manifest, tables}).catch(() => {});
   }
 
+  // Ends the workers. What waits for them has no answer.
+  dispose() { for (const {port} of this.workers) port.terminate?.(); }
+
   post(worker, message) {
     const sent = {...message, id: this.next++};
     ++worker.busy;

@@ -1,7 +1,9 @@
 // Explain: saved views, notes on the surface, the ruler and the scale bar.
 
 import {add, Camera} from './camera.js';
+import {make} from './look.js';
 
+const kFor = ', for views.json';
 const kSwipe = 40;      // pixels that a swipe moves at least
 const kProbe = 120;     // milliseconds between looks at what is behind notes and the scale bar
 const kBehind = 0.03;   // radii that a note may lie below the surface
@@ -12,8 +14,7 @@ const kCorners = [[0, 0], [1, 1], [0, 1], [1, 0]];  // of a label, that may be a
 function fill(element, text = '') {
   element.replaceChildren(...text.split(/(https?:\/\/[^\s<>]*[^\s<>.,;:!?)])/).map((part, i) =>
     i % 2 === 0 ? part
-      : Object.assign(document.createElement('a'),
-                      {href: part, textContent: part, target: '_blank', rel: 'noopener'})));
+      : make('a', {href: part, textContent: part, target: '_blank', rel: 'noopener'})));
 }
 
 // A number with as many digits as its error leaves.
@@ -32,7 +33,7 @@ export class Explain {
     byId('next').onclick = () => this.go(this.at + 1);
     byId('ruler').onclick = () => this.use('ruler');
     byId('mark').onclick = () => this.use('mark');
-    byId('copy').onclick = () => this.copy(this.currentView(), 'This view');
+    byId('copy').onclick = () => this.copy(JSON.stringify(this.currentView()), 'This view', kFor);
     const bar = byId('views');
     let from;
     bar.onpointerdown = ({clientX}) => { from = clientX; };
@@ -61,17 +62,12 @@ export class Explain {
     this.byId('views').hidden = views.length === 0;
     if (views.length > 0) this.tell(0);
     this.notes = notes.map(({label, text, point}) => {
-      const [element, button, more] = ['div', 'button', 'p'].map((n) => document.createElement(n));
+      const element = make('div', {className: 'note'}), more = make('p', {hidden: true});
+      const button = make('button', {textContent: label, ariaExpanded: text ? 'false' : null});
       const note = {element, point: this.inward(point)};
-      element.className = 'note';
-      button.textContent = label;
       fill(more, text);
-      more.hidden = true;
-      if (text) button.setAttribute('aria-expanded', 'false');
       button.onclick = () => {
-        if (!text) return;
-        more.hidden = !more.hidden;
-        button.setAttribute('aria-expanded', String(!more.hidden));
+        if (text) button.ariaExpanded = String(!(more.hidden = !more.hidden));
       };
       button.onfocus = () => note.behind && button.matches(':focus-visible') && this.face(note);
       element.append(button, more);
@@ -82,21 +78,26 @@ export class Explain {
   }
   // Turns the camera so that it sees a note.
   face({point: [x, y, z]}) {
-    const camera = new Camera();
-    camera.fromText(this.viewer.camera.toText());
+    const camera = new Camera(this.viewer.camera.toText());
     camera.azimuth = Math.atan2(x, -y) * 180 / Math.PI;
     camera.elevation = Math.atan2(z, Math.hypot(x, y)) * 180 / Math.PI;
     this.viewer.flyTo(camera.toText());
   }
 
-  // Flies to a saved view, if there are any.
+  // Flies to the saved view that the page's address names, from 1.
+  open(number) {
+    if (this.views[number - 1]) this.go(number - 1);
+    else this.element.hint(`There is no saved view ${number}.`);
+  }
+  // Flies to a saved view; after the last one comes the first. Returns whether there are any.
   go(number) {
-    if (this.views.length === 0 || !(number >= -1)) return;
+    if (this.views.length === 0) return false;
     const at = (number + this.views.length) % this.views.length;
     this.tell(at);
     this.viewer.flyTo(this.views[at].camera);
     const {structures} = this.views[at];
     if (structures) this.element.structures = structures;
+    return true;
   }
   tell(at) {
     this.at = at;
@@ -114,11 +115,10 @@ export class Explain {
             ...(this.viewer.field.structures.length > 0 &&
                 {structures: this.element.structures})};
   }
-  async copy(value, name) {
-    const text = JSON.stringify(value);
+  async copy(text, name, what = '') {
     try {
       await navigator.clipboard.writeText(text);
-      this.element.hint(`${name} is on the clipboard, for views.json.`);
+      this.element.hint(`${name} is on the clipboard${what}.`);
     } catch {
       this.element.say(text);
     }
@@ -144,8 +144,9 @@ export class Explain {
     if (!this.tool) return;
     if (!found) return this.element.say('Nothing opaque is there.');
     if (this.tool === 'mark')
-      return this.copy({label: 'Label', text: '', point: found.point.map((v) => +v.toFixed(3))},
-                       'The note');
+      return this.copy(JSON.stringify({label: 'Label', text: '',
+                                       point: found.point.map((v) => +v.toFixed(3))}),
+                       'The note', kFor);
     this.marks = [...this.marks.slice(this.marks.length === 2 ? 2 : 0), found];
     this.place();
     if (this.marks.length === 2) this.element.say(this.length().text);
@@ -162,7 +163,7 @@ export class Explain {
     const {viewer} = this;
     if (!viewer.field?.shape) return;
     this.placeNotes();
-    this.byId('lines').replaceChildren(...this.ruler());
+    this.byId('lines').innerHTML = this.ruler();
     const now = performance.now();
     if (now - (this.probed ?? 0) > kProbe) this.probe();
     else this.later ??= setTimeout(() => this.probe(), kProbe);
@@ -194,7 +195,7 @@ export class Explain {
     clearTimeout(this.later);
     this.later = undefined;
     const {viewer} = this, notes = this.notes.filter(({far}) => far > 0);
-    if (!viewer.first || viewer.lost || !viewer.field.shape.hasDepth) return;
+    if (!viewer.first || !viewer.draws || !viewer.field.shape.hasDepth) return;
     this.probed = performance.now();
     const {clientWidth, clientHeight} = viewer.canvas;
     const [middle, ...found] =
@@ -204,26 +205,20 @@ export class Explain {
     this.scale(middle?.distance);
   }
   hide(note, behind) {
-    note.behind = behind;
-    note.element.classList.toggle('behind', behind);
+    note.element.classList.toggle('behind', note.behind = behind);
   }
   ruler() {
-    const shape = (name, values) => {
-      const element = document.createElementNS('http://www.w3.org/2000/svg', name);
-      for (const [key, value] of Object.entries(values)) element.setAttribute(key, value);
-      return element;
-    };
     const ends = this.marks.map(({point}) => this.viewer.project(this.inward(point)));
     const [a, b] = ends;
-    return [...(b ? [shape('line', {x1: a.x, y1: a.y, x2: b.x, y2: b.y})] : []),
-            ...ends.map(({x, y}) => shape('circle', {cx: x, cy: y, r: 5}))];
+    return (b ? `<line x1="${a.x}" y1="${a.y}" x2="${b.x}" y2="${b.y}"/>` : '') +
+           ends.map(({x, y}) => `<circle cx="${x}" cy="${y}" r="5"/>`).join('');
   }
   // A bar of a round length, as it appears on the surface in the middle of the picture, at so many
   // radii from the eye; none if there is no surface.
   scale(distance) {
     const {camera, canvas} = this.viewer, {clientWidth, clientHeight} = canvas;
-    const bar = this.byId('scale'), line = document.createElement('i');
-    bar.hidden = !(distance > 0 && clientHeight > 0);
+    const bar = this.byId('scale'), line = make('i');
+    bar.hidden = !(distance > 0 && clientWidth > 0 && clientHeight > 0);
     if (bar.hidden) return;
     const {half} = camera.axes(clientWidth, clientHeight);
     const unit = clientHeight / (2 * half * distance * this.sphere.radius);  // in pixels

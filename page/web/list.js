@@ -1,5 +1,7 @@
 // The list of structures: which are shown, how opaque, and in what colour.
 
+import {make} from './look.js';
+
 const kEye = '<svg viewBox="0 0 24 24" aria-hidden="true">' +
   '<path d="M2 12s4-6 10-6 10 6 10 6-4 6-10 6S2 12 2 12z"/><circle cx="12" cy="12" r="3"/>' +
   '<path class="slash" d="M4 4l16 16"/></svg>';
@@ -34,19 +36,18 @@ export class StructureList {
     this.names = names;
     this.byId('find').hidden = names.length <= kMany;
     this.rows = names.map((name, k) => {
-      const make = (tag, values) => Object.assign(document.createElement(tag), values);
-      const row = make('li', {}), label = make('label', {title: name}), text = make('span', {});
+      const row = make('li'), label = make('label', {title: name}), text = make('span');
       const dot = make('i', {hidden: !colors[k]});
-      const eye = make('button', {type: 'button', className: 'eye', innerHTML: kEye});
-      const opacity = make('input', {type: 'range', min: 0, max: 1, step: 0.01});
-      const tint = make('input', {type: 'color', title: 'Tint: multiplies the colours'});
-      const only = make('button', {type: 'button', textContent: 'Only'});
+      const button = (ariaLabel, values) => make('button', {type: 'button', ariaLabel, ...values});
+      const eye = button(`Show ${name}`, {className: 'eye', innerHTML: kEye});
+      const only = button(`Only ${name}`, {textContent: 'Only'});
+      const opacity = make('input', {type: 'range', min: 0, max: 1, step: 0.01,
+                                     ariaLabel: `Opacity of ${name}`});
+      const tint = make('input', {type: 'color', title: 'Tint: multiplies the colours',
+                                  ariaLabel: `Tint of ${name}`});
       dot.style.background = colors[k];
       text.append(dot, name);
       label.append(text, opacity);
-      const said = [[eye, `Show ${name}`], [opacity, `Opacity of ${name}`],
-                    [tint, `Tint of ${name}`], [only, `Only ${name}`]];
-      for (const [part, words] of said) part.setAttribute('aria-label', words);
       row.append(eye, label, tint, only);
       eye.onclick = () => this.set(k, {shown: !this.looks[k].shown});
       // What was faded out comes back opaque.

@@ -1,5 +1,8 @@
 // What <slf-field> consists of, and how it looks.
 
+// A new element with these properties.
+export const make = (tag, values = {}) => Object.assign(document.createElement(tag), values);
+
 export const kMarkup = `
 <slot name="poster"></slot>
 <canvas id="picture" tabindex="0" role="img" aria-describedby="keys"
@@ -9,6 +12,7 @@ export const kMarkup = `
 <div id="cross" aria-hidden="true" hidden></div>
 <div id="compass" aria-hidden="true" hidden></div>
 <div id="scale" role="img" hidden></div>
+<p id="seen" class="unseen" aria-live="polite"></p>
 <p id="keys" class="unseen">Arrow keys turn the view, plus and minus zoom, Shift with arrow keys
 moves it, R resets it, Space turns it by itself, F fills the screen, H hides the panel, L the list
 of structures, Page Up and Page Down show the saved views, M measures, P plays the states of the
@@ -91,14 +95,14 @@ export const kStyle = `
 :host {
   color-scheme: dark light;
   --ink: #e8eaed; --dim: #b3b9c3; --panel: rgb(24 27 32 / 88%); --line: rgb(255 255 255 / 22%);
-  --accent: #7db4ff;
+  --accent: #7db4ff; --pressed: #06101f;
   display: block; position: relative; min-height: 120px; overflow: hidden; container-type: size;
   color: var(--ink); font: 14px/1.4 system-ui, sans-serif;
 }
 @media (prefers-color-scheme: light) {
   :host {
     --ink: #1c2026; --dim: #4b535e; --panel: rgb(255 255 255 / 90%); --line: rgb(0 0 0 / 24%);
-    --accent: #0b5cc4;
+    --accent: #0b5cc4; --pressed: #fff;
   }
 }
 * { box-sizing: border-box; }
@@ -108,7 +112,7 @@ export const kStyle = `
   position: absolute; inset: 0; width: 100%; height: 100%; touch-action: pan-y; cursor: grab;
   outline-offset: -3px; opacity: 0; transition: opacity 0.2s;
 }
-:host([address]) #picture, :host(:focus-within) #picture { touch-action: none; }
+:host(:focus-within) #picture { touch-action: none; }
 #picture.shown { opacity: 1; }
 #picture:active { cursor: grabbing; }
 #picture.picks { cursor: crosshair; }
@@ -152,8 +156,7 @@ input[type="color"] { width: 96px; padding: 2px; }
 input[type="range"] { width: 120px; height: 44px; accent-color: var(--accent); }
 button { cursor: pointer; }
 button:hover { border-color: var(--accent); }
-button[aria-pressed="true"] { background: var(--accent); color: #06101f; }
-@media (prefers-color-scheme: light) { button[aria-pressed="true"] { color: #fff; } }
+button[aria-pressed="true"] { background: var(--accent); color: var(--pressed); }
 .fold { border-color: transparent; padding: 0; font-size: 20px; }
 .buttons { display: grid; grid-template-columns: 1fr 1fr; gap: 6px; }
 .buttons button { padding: 2px 4px; }
@@ -219,11 +222,11 @@ button[aria-pressed="true"] { background: var(--accent); color: #06101f; }
 
 #views {
   position: absolute; bottom: 16px; left: 50%; transform: translateX(-50%); display: flex;
-  width: min(460px, calc(100% - 24px)); max-height: 40%; align-items: center; gap: 8px;
+  width: min(460px, calc(100% - 24px)); max-height: 40%; gap: 8px;
   padding: 8px; backdrop-filter: blur(10px); touch-action: pan-y;
 }
-#views div { flex: 1; overflow: auto; max-height: 100%; touch-action: pan-y; }
-#views button { flex: none; font-size: 22px; }
+#views div { flex: 1; overflow: auto; touch-action: pan-y; }
+#views button { flex: none; align-self: flex-end; font-size: 22px; }
 #title { font-weight: 600; color: inherit; display: inline-block; padding: 10px 0; }
 #count { color: var(--dim); }
 #text { margin: 0; }
@@ -231,10 +234,11 @@ a { color: var(--accent); }
 #status, #choose {
   position: absolute; bottom: 12px; left: 50%; transform: translateX(-50%); margin: 0;
   max-width: min(560px, calc(100% - 24px)); padding: 8px 14px; z-index: 1;
+  max-height: calc(100% - 24px); overflow: auto; width: max-content;
 }
-:host([notable]) #status:not(.wrong) { bottom: auto; top: 12px; }
+#views:not([hidden]) ~ #status:not(.wrong) { bottom: auto; top: 12px; }
 #status:empty { display: none; }
-#status.wrong { border-color: #ff6b5e; bottom: 50%; }
+#status.wrong { border-color: #ff6b5e; bottom: auto; top: 50%; transform: translate(-50%, -50%); }
 dialog {
   max-width: min(560px, calc(100% - 24px)); max-height: 80%; color: var(--ink);
   backdrop-filter: blur(14px);
@@ -243,12 +247,16 @@ dialog h2 { margin: 0 0 10px; font-size: 16px; }
 dialog dd { text-align: left; }
 dialog form { margin-top: 14px; text-align: right; }
 
+@container (min-width: 521px) and (max-width: 1110px) {  /* the panel ends above #views */
+  #views { max-height: min(40%, 104px); }
+  #panel:has(~ #views:not([hidden])) { max-height: calc(100% - 132px); }
+}
 @container (min-width: 641px) and (max-width: 1000px) {  /* free of #views */
   #scale { right: 16px; bottom: 116px; }
   #views { width: min(460px, calc(100% - 240px)); }
 }
 @container (max-width: 640px) {
-  #structures { top: 68px; left: 12px; right: auto; }
+  #structures { top: 68px; left: 12px; right: auto; max-height: calc(100% - 188px); }
   #scale { bottom: auto; top: 20px; right: 116px; }
   #compass { top: 12px; right: 12px; bottom: auto; }
 }

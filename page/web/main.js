@@ -3,15 +3,15 @@
 // exports, the page belongs to it: its address has the view, and all keys are for it. With `own`,
 // as in slf view, it may not show fields of other hosts.
 
-import {dot} from './camera.js';
+import {Camera, dot} from './camera.js';
 import {attach} from './controls.js';
 import {Decoders} from './decoders.js';
 import {Explain} from './explain.js';
 import {ownColors, StructureList} from './list.js';
-import {kMarkup, kStyle} from './look.js';
+import {kMarkup, kStyle, make} from './look.js';
 import {embeddedSource, fileSource, HttpSource} from './source.js';
 import {joined, looksOf, split, textsOf} from './structures.js';
-import {sleep, Viewer} from './viewer.js';
+import {media, sleep, Viewer} from './viewer.js';
 import {serve} from './worker.js';
 import workerScript from 'worker-script';  // worker.js as the build bundles it
 
@@ -21,14 +21,19 @@ const kMaxPanel = 0.1;   // of the element that the panel covers; a larger one s
 const kMaxList = 0.16;   // and so does a larger list of structures,
 const kNarrow = 640;     // or any in an element of at most so many pixels, as in look.js
 
-const base = document.currentScript?.src || document.baseURI;
+const {document} = globalThis;  // none in Node, which may import this
+const base = document?.currentScript?.src || document?.baseURI;
 // The field, where it is inside the page.
-const pieces = [...document.querySelectorAll('script.piece')].map((script) => script.textContent);
+const pieces =
+  [...document?.querySelectorAll('script.piece') ?? []].map((script) => script.textContent);
 const human = (n) =>
   n < 1 << 20 ? `${(n / 1024).toFixed(0)} KiB` : `${(n / (1 << 20)).toFixed(1)} MiB`;
-const light = matchMedia('(prefers-color-scheme: light)');
-const sheet = new CSSStyleSheet();
-sheet.replaceSync(kStyle);
+const light = media('(prefers-color-scheme: light)');
+const backgroundOf = ({matches}) => matches ? '#f4f5f7' : '#000000';
+const firstSettings = () => ({mode: 'depth', level: 'auto', curve: 'neutral', exposure: 0,
+                              background: backgroundOf(light)});
+const sheet = document && new CSSStyleSheet();
+sheet?.replaceSync(kStyle);
 
 // ---- the parts that all elements share ----------------------------------------------------------
 
@@ -39,9 +44,8 @@ async function packedModule() {
   if (!globalThis.slfModule) {
     const answer = await fetch(new URL('module.bin', base)).catch(() => {});
     if (answer?.ok) return answer;
-    await new Promise((done) => document.head.append(Object.assign(
-      document.createElement('script'),
-      {src: new URL('module.bin.js', base), onload: done, onerror: done})));
+    await new Promise((done) => document.head.append(
+      make('script', {src: new URL('module.bin.js', base), onload: done, onerror: done})));
   }
   if (globalThis.slfModule) return new Response(fromBase64(globalThis.slfModule));
   throw new Error('A part of this page cannot be loaded: module.bin.');
@@ -70,7 +74,9 @@ const loadModule = () => {
 };
 
 // A worker, and what stands in for one where the host of the page forbids workers.
-const makeWorker = () => new Worker(URL.createObjectURL(new Blob([workerScript])));
+let workerAddress;
+const makeWorker = () =>
+  new Worker(workerAddress ??= URL.createObjectURL(new Blob([workerScript])));
 function makeStandIn() {
   const port = {postMessage: (data) => setTimeout(() => self.onmessage({data}))};
   const self = {postMessage: (data) => port.onmessage({data})};
@@ -78,7 +84,9 @@ function makeStandIn() {
   return port;
 }
 
-const kChoices = ['mode', 'level', 'background', 'curve', 'exposure'];
+const kChoices = {  // in the panel and, in these forms, in the page's address
+  mode: /^(depth|bitri)$/, level: /^(auto|\d{1,2})$/, background: /^#[0-9a-f]{6}$/i,
+  curve: /^(neutral|srgb|none)$/, exposure: /^-?([0-5](\.\d+)?|6)$/};
 const kProjections = {
   mip: 'maximum intensity projection',
   minip: 'minimum intensity projection',
@@ -90,82 +98,127 @@ const kPatientAxes = {  // LPS
 
 // ---- the element --------------------------------------------------------------------------------
 
-export class SlfField extends HTMLElement {
+export class SlfField extends (globalThis.HTMLElement ?? Object) {
+  constructor() {
+    super();
+    this.camera = new Camera();
+    this.turned = false;  // whether a poster is not of what is shown
+    this.settings = firstSettings();
+  }
   connectedCallback() {
+    if (this.stop) return;  // it was moved within the page
+    for (const [name, value] of Object.entries(this)) {
+      if (!SlfField.observedAttributes.includes(name)) continue;
+      delete this[name];  // it was set before the element was defined
+      this[name] = value;
+    }
+    this.mount();
+  }
+  disconnectedCallback() { queueMicrotask(() => this.isConnected || this.dispose()); }
+
+  // Begins to show the field. dispose() ends all that began here; camera and settings stay.
+  mount() {
+    const {signal} = this.stop = new AbortController();
     const root = this.shadowRoot ?? this.attachShadow({mode: 'open'});
     root.adoptedStyleSheets = [sheet];
     root.innerHTML = kMarkup;
     this.byId = (id) => root.getElementById(id);
     this.whole = this.hasAttribute('address');
-    this.settings = {mode: 'depth', level: 'auto', curve: 'neutral', exposure: 0,
-                     background: light.matches ? '#f4f5f7' : '#000000'};
-    const viewer = this.viewer = new Viewer(this.byId('picture'), this.settings, {
-      shown: () => this.shown(),
-      moved: () => this.moved(),
-      settled: () => this.keepLink(),
-      say: (text) => this.say(text),
-      failed: (error) => this.failed(error),
-    });
+    this.alone = this.whole && parent === globalThis;  // nothing around it scrolls
+    if (this.alone) this.byId('picture').style.touchAction = 'none';
+    else if (this.whole) parent.postMessage('slf-field', '*');  // to a notebook around it: it runs
+    const viewer = this.viewer =
+      new Viewer(this.byId('picture'), this.camera, this.settings, signal, this);
     viewer.root = root;
     if (this.whole) globalThis.slf = viewer;  // for tests and scripts
-    const poster = this.getAttribute('poster');
-    if (poster)
-      this.byId('picture').before(Object.assign(new Image(), {src: poster, alt: '', id: 'poster'}));
-    this.byId('fold').onclick = () => this.fold();
-    this.byId('unroll').onclick = () => this.unroll();
+    this.byId('fold').onclick = () => this.toggle('settings');
+    this.byId('unroll').onclick = () => this.toggle('parts');
     this.explain = new Explain(this, this.byId);
     this.list = new StructureList(this.byId, (looks) => this.showLooks(looks));
-    const structures = this.getAttribute('structures');
-    if (structures !== null) this.settings.structures = split(structures);
-    viewer.camera.fromText(this.getAttribute('view'));
-    this.settings.state = this.getAttribute('state');
     if (this.whole) this.readFragment();
+    const poster = this.getAttribute('poster');
+    if (poster)
+      this.byId('picture').before(make('img', {src: poster, alt: '', id: 'poster'}));
+    this.dropPoster();
     const {offsetWidth, offsetHeight} = this.byId('panel');
-    if (offsetWidth * offsetHeight > kMaxPanel * this.offsetWidth * this.offsetHeight) this.fold();
-    let begin = () => {
-      begin = () => {};
-      this.start().catch((error) => viewer.fail(error));
-    };
+    if (offsetWidth * offsetHeight > kMaxPanel * this.offsetWidth * this.offsetHeight)
+      this.toggle('settings');
+    light.addEventListener?.('change', () => {
+      const {settings} = this, before = backgroundOf({matches: !light.matches});
+      if (settings.background !== before) return;  // it was chosen
+      settings.background = this.byId('background').value = backgroundOf(light);
+      viewer.changed();
+    }, {signal});
+    let begun;
+    const begin = () => { begun ??= this.start(signal).catch((error) => viewer.fail(error)); };
     if (this.whole) return begin();
     // An element that is never in sight loads nothing.
-    this.sight = new IntersectionObserver((entries) => {
+    const sight = new IntersectionObserver((entries) => {
       viewer.seen = entries.at(-1).isIntersecting;
       if (viewer.seen) begin();
     });
-    this.sight.observe(this);
+    sight.observe(this);
+    signal.addEventListener('abort', () => sight.disconnect());
   }
-  disconnectedCallback() {
-    this.sight?.disconnect();
-    clearInterval(this.counts);
-    this.viewer.close();
+  dispose() {
+    this.stop?.abort();
+    this.stop = this.looks = undefined;
+    this.filled = this.plays = false;
   }
 
   // Turns the camera to a view, "azimuth,elevation,distance" and perhaps a target in radii, as the
   // page's address has it. Resolves when it is there.
-  flyTo(view) { return this.viewer.flyTo(view); }
+  async flyTo(view) {
+    if (this.filled) await this.viewer.flyTo(view);
+    else this.view = view;
+  }
   // Resolves to what is shown, as a file.
   picture(type = 'image/png') {
     return new Promise((done) => this.byId('picture').toBlob(done, type));
   }
   // What the surface is at a place of the element, in CSS pixels: {point, depth, uncertainty} in
   // world units, or null.
-  pick(x, y) { return this.viewer.pick(x, y); }
+  pick(x, y) { return this.viewer?.draws ? this.viewer.pick(x, y) : null; }
 
+  get src() { return this.getAttribute('src'); }
+  set src(address) { this.setAttribute('src', address); }
+  // The view that is shown, as flyTo() takes it. Set, it is shown at once.
+  get view() { return this.camera.toText(); }
+  set view(text) {
+    if (text === this.view) return;
+    this.viewer?.halt();
+    this.camera.fromText(text);
+    if (this.filled) this.viewer.moved();
+  }
+  // The state of the object that is shown. Also takes its number.
+  get state() { return this.settings.state; }
+  set state(text) {
+    this.settings.state = text;
+    if (this.filled) this.showState(this.viewer.field.stateNumber(text));
+  }
   // The structures that are shown, and how: texts as slf render --structure takes them.
-  get structures() { return this.settings?.structures ?? ['*']; }
+  get structures() { return this.settings.structures ?? ['*']; }
   // Also takes one text, as the page's address has it.
   set structures(given) {
-    if (!this.settings) return this.setAttribute('structures', joined(split(given)));
     this.settings.structures = split(given);
-    if (!this.list.names) return;  // later
+    if (!this.filled || !this.list.names) return;
     const {looks, unknown} = looksOf(this.viewer.field, this.settings.structures);
     if (unknown.length > 0) this.hint(`This field has no structure named ${unknown.join(', ')}.`);
     this.list.show(looks);
     this.showLooks(looks);
   }
-  static observedAttributes = ['structures'];
+  static observedAttributes = ['src', 'view', 'state', 'structures'];
   attributeChangedCallback(name, before, value) {
-    if (this.settings) this.structures = value ?? '*';
+    if (name !== 'src') {
+      this[name] = value ?? {view: '30,20,3', structures: '*'}[name];
+    } else if (this.stop && before !== value) {  // another field, as if the element were new
+      this.dispose();
+      this.turned = true;
+      this.settings = firstSettings();
+      for (const other of ['view', 'state', 'structures'])
+        this.attributeChangedCallback(other, undefined, this.getAttribute(other));
+      this.mount();
+    }
   }
 
   tell(name, detail) {
@@ -187,37 +240,43 @@ export class SlfField extends HTMLElement {
     this.tell('error', {message: this.viewer.message, error});
   }
 
-  async start() {
-    const {viewer} = this, coming = loadModule();
-    this.source = await this.findField();
+  async start(signal) {
+    const {viewer} = this, coming = loadModule(), source = await this.findField(signal);
+    signal.throwIfAborted();
     const decoders = new Decoders(makeWorker, makeStandIn);
-    await viewer.open(this.source, coming, decoders);
+    signal.addEventListener('abort', () => decoders.dispose());
+    await viewer.open(source, coming, decoders);
     this.say('');
     this.fillPanel();
-    this.actions();
+    this.actions(signal);
     this.drawMarks();
     this.explain.place();
-    this.explain.take(await this.findViews());
-    const saved = this.whole && new URLSearchParams(location.hash.slice(1)).get('saved');
-    if (saved) this.explain.go(saved - 1);
+    const views = await this.findViews();
+    signal.throwIfAborted();
+    this.explain.take(views);
+    if (this.saved) this.explain.open(this.saved);
     addEventListener('hashchange', () => {
       if (!this.whole) return;
       this.readFragment();
       this.showChoices();
       viewer.changed();
       this.moved();
-    });
-    this.counts = setInterval(() => this.showCounts(), kCounts);
+      if (this.saved) this.explain.open(this.saved);
+    }, {signal});
+    const counts = setInterval(() => this.showCounts(), kCounts);
+    signal.addEventListener('abort', () => clearInterval(counts));
     this.tell('ready');
   }
 
   // Where the field is: inside the page; where ?field=ADDRESS says; or where `src` does.
-  async findField() {
+  async findField(signal) {
     const src = this.getAttribute('src');
     if (pieces.length > 0 && !src) return embeddedSource(pieces);
     const given = this.whole ? new URLSearchParams(location.search).get('field') : undefined;
     if (given && this.hasAttribute('own'))
       throw new Error('slf view shows only its own fields; the page of slf export shows others.');
+    if (!given && !src && !this.whole)
+      throw new Error('<slf-field> needs an attribute src: the address of a field.');
     let url;
     try {
       url = new URL(given ?? src ?? 'field.slf', document.baseURI);
@@ -226,7 +285,7 @@ export class SlfField extends HTMLElement {
     }
     if (url.protocol === 'file:') return fileSource(await this.chosenFile());
     return new HttpSource(url, {
-      small: this.whole,
+      signal, small: this.whole,
       // The tiles of the first picture, as the exporter found them.
       first: given || this.turned ? [] : (this.getAttribute('first') ?? '').split(' ')
         .filter(Boolean).map((range) => range.split('-').map(Number)),
@@ -243,6 +302,7 @@ export class SlfField extends HTMLElement {
     return new Promise((done) => {
       this.byId('file').onchange = ({target}) => {
         this.byId('choose').hidden = true;
+        this.viewer.state = 'opening';
         done(target.files[0]);
       };
     });
@@ -259,6 +319,16 @@ export class SlfField extends HTMLElement {
 
   // ---- the view ---------------------------------------------------------------------------------
 
+  // The graphics card was reset.
+  lost() {
+    this.byId('picture').classList.remove('shown');
+    this.dropPoster();
+    this.say('The graphics card was reset; waiting for it.');
+  }
+  // Drops a poster that is not of what is shown.
+  dropPoster() {
+    if (this.turned) this.shadowRoot.querySelectorAll('slot, #poster').forEach((it) => it.remove());
+  }
   shown() {
     // A poster is finer than the first levels of its view.
     const poster = this.byId('poster') || this.querySelector('[slot=poster]');
@@ -267,11 +337,21 @@ export class SlfField extends HTMLElement {
     this.explain.place();
   }
   moved() {
-    this.turned ||= this.viewer.begun;
-    this.byId('spin').checked = this.viewer.camera.spins;
+    this.turned ||= this.viewer.draws;
+    this.byId('spin').checked = this.camera.spins;
     this.drawMarks();
     this.explain.place();
-    this.tell('camera', {view: this.viewer.camera.toText()});
+    this.tell('camera', {view: this.view});
+  }
+  settled() {
+    const {azimuth, elevation, distance} = this.camera, {states, structures} = this.viewer.field;
+    const text = [
+      `${this.byId('name').textContent}, seen from azimuth ${azimuth.toFixed()}°, elevation ` +
+      `${elevation.toFixed()}°, ${Number(distance.toFixed(1))} radii away`,
+      ...(states.length > 1 ? [`state ${this.state}`] : []),
+      ...(structures.length > 0 ? [`structures ${this.structures.join(', ')}`] : [])].join('; ');
+    this.byId('picture').ariaLabel = this.byId('seen').textContent = text;
+    this.keepLink();
   }
   keepLink() {
     if (this.whole && location.protocol !== 'about:')  // not that of a notebook
@@ -280,33 +360,28 @@ export class SlfField extends HTMLElement {
   fragment() {
     const {settings} = this;
     const {states, state, structures} = this.viewer.field;
-    return `#view=${this.viewer.camera.toText()}&mode=${settings.mode}&level=${settings.level}` +
+    return `#view=${this.view}` +
            (states.length > 1 ? `&state=${encodeURIComponent(states[state])}` : '') +
            (structures.length > 0 ? `&structures=${joined(this.structures)}` : '') +
-           `&background=${settings.background.slice(1)}` + (this.viewer.field.radiance
+           `&level=${settings.level}&mode=${settings.mode}` +
+           (settings.background === backgroundOf(light) ? ''
+             : `&background=${settings.background.slice(1)}`) + (this.viewer.field.radiance
              ? `&curve=${settings.curve}&exposure=${settings.exposure}` : '');
   }
   readFragment() {
     const given = new URLSearchParams(location.hash.slice(1)), {settings} = this;
-    if (given.has('view')) {
-      this.viewer.camera.fromText(given.get('view'));
-      this.shadowRoot.querySelector('slot').hidden = this.turned = true;  // not of this view
-    }
+    this.camera.fromText(given.get('view'));
     if (given.has('state')) settings.state = given.get('state');
     // Of structures, a state is one of them.
     const parts = /[#&]structures=([^&]*)/.exec(location.hash);  // with its commas as they are
     if (parts) settings.structures = split(parts[1]);
     else if (given.has('state')) settings.structures = [given.get('state')];
-    if (parts) this.shadowRoot.querySelector('slot').hidden = this.turned = true;
-    if (given.has('saved')) this.explain.go(given.get('saved') - 1);
-    if (['depth', 'bitri'].includes(given.get('mode'))) settings.mode = given.get('mode');
-    if (/^(auto|\d{1,2})$/.test(given.get('level') ?? '')) settings.level = given.get('level');
-    if (/^[0-9a-f]{6}$/i.test(given.get('background') ?? ''))
-      settings.background = '#' + given.get('background').toLowerCase();
-    const curve = given.get('curve');
-    if (['neutral', 'srgb', 'none'].includes(curve)) settings.curve = curve;
-    const exposure = parseFloat(given.get('exposure'));
-    if (Math.abs(exposure) <= 6) settings.exposure = exposure;
+    this.turned ||= given.has('view') || parts !== null;
+    this.saved = given.get('saved');  // the number of a saved view
+    for (const [name, form] of Object.entries(kChoices)) {
+      const text = (name === 'background' ? '#' : '') + given.get(name);
+      if (form.test(text)) settings[name] = text.toLowerCase();
+    }
   }
 
   // A compass of the axes, those of the patient if the source states them; letters on the far side
@@ -315,15 +390,13 @@ export class SlfField extends HTMLElement {
     const box = this.byId('compass');
     box.hidden = !this.byId('marks').checked;
     if (box.hidden) return;
-    const {forward, right, down} = this.viewer.camera.axes(1, 1);
+    const {forward, right, down} = this.camera.axes(1, 1);
     const marks = this.viewer.field.manifest.provenance?.space ? kPatientAxes : kAxes;
     box.replaceChildren(...Object.entries(marks).map(([letter, axis]) => {
-      const mark = document.createElement('span'), near = -dot(axis, forward);
-      mark.textContent = letter;
-      mark.style.left = `${50 + 40 * dot(axis, right)}%`;
-      mark.style.top = `${50 + 40 * dot(axis, down)}%`;
-      mark.style.opacity = String(0.65 + 0.35 * near);
-      mark.style.zIndex = String(Math.round(10 * near) + 10);
+      const mark = make('span', {textContent: letter}), near = -dot(axis, forward);
+      const [left, top] = [right, down].map((v) => `${50 + 40 * dot(axis, v)}%`);
+      const zIndex = Math.round(10 * near) + 10;
+      Object.assign(mark.style, {left, top, opacity: 0.65 + 0.35 * near, zIndex});
       return mark;
     }));
   }
@@ -341,10 +414,9 @@ export class SlfField extends HTMLElement {
   }
 
   showFacts() {
-    const {manifest: m} = this.viewer.field, p = m.provenance ?? {};
-    const fine = m.levels, name = (path) => String(path).split('/').pop();
+    const {manifest: m} = this.viewer.field, p = m.provenance ?? {}, fine = m.levels;
     const facts = {
-      Source: p.source ? name(p.source) : p.name,
+      Source: this.byId('name').textContent,
       State: this.settings.state,
       Structures: this.list.names?.length,
       Kind: p.kind,
@@ -355,31 +427,23 @@ export class SlfField extends HTMLElement {
       Levels: m.levels + 1,
       Samples: `${m.format} (${m.codec})`,
       Sphere: `radius ${Number(m.sphere.radius.toPrecision(4))}`,
-      File: human(this.source.size),
+      File: human(this.viewer.source.size),
     };
     this.byId('facts-list').replaceChildren(...Object.entries(facts)
-      .filter(([, v]) => v !== undefined).flatMap(([k, v]) => {
-        const term = document.createElement('dt'), fact = document.createElement('dd');
-        term.textContent = k;
-        fact.textContent = String(v);
-        return [term, fact];
-      }));
+      .filter(([, v]) => v !== undefined)
+      .flatMap(([k, v]) => [make('dt', {textContent: k}), make('dd', {textContent: v})]));
     this.byId('facts').showModal();
   }
 
-  actions() {
+  actions(signal) {
     const {byId, viewer, explain} = this, {camera, canvas} = viewer;
     const moved = () => {
       viewer.halt();
       viewer.moved();
     };
     const spin = () => {
-      camera.spins = byId('spin').checked;
+      camera.spins = !camera.spins;
       moved();
-    };
-    const toggleSpin = () => {
-      byId('spin').checked = !byId('spin').checked;
-      spin();
     };
     const reset = () => {
       camera.reset();
@@ -387,7 +451,7 @@ export class SlfField extends HTMLElement {
     };
     const fill = () =>
       document.fullscreenElement ? document.exitFullscreen() : this.requestFullscreen?.();
-    for (const name of kChoices)
+    for (const name in kChoices)
       byId(name).addEventListener('input', ({target}) => {
         this.settings[name] = target.value;
         viewer.changed();
@@ -400,21 +464,14 @@ export class SlfField extends HTMLElement {
     byId('full').onclick = fill;
     byId('about').onclick = () => this.showFacts();
     byId('save').onclick = async () => {
-      const link = document.createElement('a');
-      link.href = URL.createObjectURL(await this.picture());
-      link.download = 'view.png';
-      link.click();
-      setTimeout(() => URL.revokeObjectURL(link.href), 1000);
+      const href = URL.createObjectURL(await this.picture());
+      make('a', {href, download: 'view.png'}).click();
+      setTimeout(() => URL.revokeObjectURL(href), 1000);
     };
     byId('link').hidden = !this.whole;
-    byId('link').onclick = async () => {
+    byId('link').onclick = () => {
       this.keepLink();
-      try {
-        await navigator.clipboard.writeText(location.href);
-        this.hint('The link is on the clipboard.');
-      } catch {
-        this.hint('The address of this page is the link.');
-      }
+      explain.copy(location.href, 'The link');
     };
     const tap = (x, y) => {
       const found = viewer.pick(x, y);
@@ -422,33 +479,28 @@ export class SlfField extends HTMLElement {
       if (found) this.tell('pick', found);
     };
     attach(canvas, camera, {
-      moved, tap,
+      moved, tap, signal,
       hears: this.whole ? globalThis : this,
-      wheels: () => this.whole || this.shadowRoot.activeElement,
-      keys: {r: reset, f: fill, h: () => this.fold(), l: () => this.unroll(), ' ': toggleSpin,
-             m: () => explain.use('ruler'), p: () => this.play(),
+      wheels: () => this.alone || this.shadowRoot.activeElement && document.hasFocus(),
+      keys: {r: reset, f: fill, h: () => this.toggle('settings'), l: () => this.toggle('parts'),
+             ' ': spin, m: () => explain.use('ruler'), p: () => this.play(),
              ',': () => this.showState(viewer.field.state - 1),
              '.': () => this.showState(viewer.field.state + 1),
              pageup: () => explain.go(explain.at - 1), pagedown: () => explain.go(explain.at + 1),
              enter: () => explain.tool && tap(canvas.clientWidth / 2, canvas.clientHeight / 2)},
     });
   }
-  // Hides or shows the settings.
-  fold() { this.toggle('settings', 'fold'); }
-
-  // Hides or shows the list of structures.
-  unroll() { this.toggle('parts', 'unroll'); }
-  toggle(id, by) {
+  // Hides or shows the settings, or the parts: the list of structures.
+  toggle(id) {
     const hidden = this.byId(id).hidden = !this.byId(id).hidden;
-    this.byId(by).textContent = hidden ? '+' : '–';
-    this.byId(by).setAttribute('aria-expanded', String(!hidden));
-    const [other, otherBy] = id === 'parts' ? ['settings', 'fold'] : ['parts', 'unroll'];
-    if (!hidden && this.offsetWidth <= kNarrow && !this.byId(other).hidden)
-      this.toggle(other, otherBy);
+    const button = this.shadowRoot.querySelector(`[aria-controls=${id}]`);
+    Object.assign(button, {textContent: hidden ? '+' : '–', ariaExpanded: String(!hidden)});
+    const other = id === 'parts' ? 'settings' : 'parts';
+    if (!hidden && this.offsetWidth <= kNarrow && !this.byId(other).hidden) this.toggle(other);
   }
 
   showChoices() {
-    for (const name of kChoices) this.byId(name).value = this.settings[name];
+    for (const name in kChoices) this.byId(name).value = this.settings[name];
     this.showState(this.viewer.field.stateNumber(this.settings.state));
     if (this.list.names) this.structures = this.structures;
   }
@@ -465,7 +517,7 @@ export class SlfField extends HTMLElement {
     const {viewer} = this, waits = this.looks !== undefined;
     this.settings.structures = textsOf(viewer.field.structures, looks);
     this.looks = looks;
-    while (!waits && this.looks && !viewer.failed) {
+    while (!waits && this.looks && !viewer.ended) {
       if (!viewer.stale) {
         viewer.showStructures(this.looks);
         this.looks = undefined;
@@ -478,11 +530,11 @@ export class SlfField extends HTMLElement {
     const button = this.byId('play'), {viewer} = this;
     this.plays = !this.plays && viewer.field.states.length > 1;
     button.setAttribute('aria-pressed', String(this.plays));
-    while (this.plays && !viewer.failed) {
+    while (this.plays && !viewer.ended) {
       this.showState(viewer.field.state + 1);
       const begin = performance.now();
       while (this.plays && (performance.now() - begin < kStep ||
-                            (viewer.stuck && viewer.state !== 'settled'))) await sleep(5);
+                            (viewer.stale && viewer.state !== 'settled'))) await sleep(5);
     }
   }
   fillPanel() {
@@ -508,8 +560,9 @@ export class SlfField extends HTMLElement {
       const {offsetWidth, offsetHeight} = byId('structures');
       if (this.offsetWidth <= kNarrow ||
           offsetWidth * offsetHeight > kMaxList * this.offsetWidth * this.offsetHeight)
-        this.unroll();
+        this.toggle('parts');
     }
+    this.filled = true;
     this.showChoices();
     byId('tones').hidden = !viewer.field.radiance;
     byId('marks').checked = p.kind === 'volume';
@@ -518,4 +571,4 @@ export class SlfField extends HTMLElement {
   }
 }
 
-if (!customElements.get('slf-field')) customElements.define('slf-field', SlfField);
+if (document && !customElements.get('slf-field')) customElements.define('slf-field', SlfField);

@@ -90,14 +90,16 @@ export class Renderer {
     return this.warmed ??= this.warm(this.feedbackProgram, () => this.bindFeedback());
   }
 
-  texture(unit, target, format, width, height, layers) {
+  texture(unit, target, format, width, height, layers, filter = this.gl.NEAREST) {
     const gl = this.gl, texture = gl.createTexture();
     gl.activeTexture(gl.TEXTURE0 + unit);
     gl.bindTexture(target, texture);
     if (layers) gl.texStorage3D(target, 1, format, width, height, layers);
     else gl.texStorage2D(target, 1, format, width, height);
     for (const name of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER])
-      gl.texParameteri(target, name, gl.NEAREST);
+      gl.texParameteri(target, name, filter);
+    for (const name of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T])
+      gl.texParameteri(target, name, gl.CLAMP_TO_EDGE);
     return texture;
   }
 
@@ -199,19 +201,15 @@ export class Renderer {
     gl.uniform3fv(at('uRight'), right.map((v) => v * pixel));
     gl.uniform3fv(at('uDown'), down.map((v) => v * pixel));
     gl.uniform2f(at('uSize'), width, height);
-    gl.uniform1i(at('uLevel'), view.level);
-    gl.uniform1i(at('uMode'), view.mode === 'depth' ? 1 : 0);
-    gl.uniform1i(at('uEntrySide'), shape.entrySide);
-    gl.uniform1i(at('uExitSide'), shape.exitSide);
-    gl.uniform1i(at('uRowBits'), shape.rowBits);
+    const integers = {
+      uLevel: view.level, uMode: view.mode === 'depth', uEntrySide: shape.entrySide,
+      uExitSide: shape.exitSide, uRowBits: shape.rowBits, uTileBits: this.bits,
+      uTileHeight: this.tileHeight, uTilesPerLayer: this.tilesPerLayer, uKeeps: this.keeps(view)};
+    for (const [name, value] of Object.entries(integers)) gl.uniform1i(at(name), value);
     gl.uniform1iv(at('uRowBase'), shape.rowBase);
     gl.uniform1iv(at('uPathBase'), shape.pathBase);
     gl.uniform1iv(at('uPageBase'), shape.pageBase);
     this.setSamplers(program_);
-    gl.uniform1i(at('uTileBits'), this.bits);
-    gl.uniform1i(at('uTileHeight'), this.tileHeight);
-    gl.uniform1i(at('uTilesPerLayer'), this.tilesPerLayer);
-    gl.uniform1i(at('uKeeps'), this.keeps(view) ? 1 : 0);
   }
   // Whether the final pixels of a view are kept.
   keeps({stamp}) { return stamp !== undefined && stamp === this.kept; }
@@ -358,20 +356,14 @@ export class Renderer {
       this.kept = undefined;
       for (const texture of this.picture?.textures ?? []) gl.deleteTexture(texture);
       const framebuffer = this.picture?.framebuffer ?? gl.createFramebuffer();
-      const textures = [5, 4].map(
-        (unit) => this.texture(unit, gl.TEXTURE_2D, gl.RGBA8, width, height));
+      const smooth = (unit, format, ...size) =>
+        this.texture(unit, gl.TEXTURE_2D, format, ...size, 0, gl.LINEAR);
+      const textures = [5, 4].map((unit) => smooth(unit, gl.RGBA8, width, height));
       gl.bindFramebuffer(gl.FRAMEBUFFER, framebuffer);
       gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, textures[0], 0);
       const [across, down] = this.grid(kCells);
       const columns = Math.ceil(width / across), rows = Math.ceil(height / down);
-      textures.push(this.texture(6, gl.TEXTURE_2D, gl.R8, columns, rows));
-      for (const unit of [5, 6]) {
-        gl.activeTexture(gl.TEXTURE0 + unit);
-        for (const name of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER])
-          gl.texParameteri(gl.TEXTURE_2D, name, gl.LINEAR);
-        for (const name of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T])
-          gl.texParameteri(gl.TEXTURE_2D, name, gl.CLAMP_TO_EDGE);
-      }
+      textures.push(smooth(6, gl.R8, columns, rows));
       this.mask = undefined;
       this.picture = {width, height, textures, framebuffer, columns, rows};
     }

@@ -20,6 +20,15 @@ export class SlfField extends HTMLElement {
    * the field's sphere. Resolves when it is there.
    */
   flyTo(view: string): Promise<void>;
+  /** The address of the field. Another one begins anew, as do changes of the attribute. */
+  get src(): string | null;
+  set src(address: string);
+  /** The view that is shown, as flyTo() takes it. */
+  get view(): string;
+  set view(shown: string);
+  /** The state of the object that is shown, by its name; takes its number, too. */
+  get state(): string | undefined;
+  set state(shown: string | number);
   /**
    * The structures that are shown: NAME[:OPACITY][:#RRGGBB] each, as slf render --structure takes
    * them. Also takes one text, as the attribute has it.

@@ -11,11 +11,13 @@ const kLongPause = 5000;          // milliseconds: the longest time before the n
 const kSilent = 20000;            // an answer of which nothing comes for so long is given up
 const kMaxWhole = 64 << 20;      // bytes of a field that is fetched whole, without ranges
 
+const kAtOnce = 32;              // requests under way
+
 // Requests for single ranges
 const kGap = 4 << 10;            // smaller gaps between ranges cost less than a request
 const kMaxGap = 256 << 10;       // larger gaps are never fetched
-const kRangesPerRequest = 24;    // one more request is allowed for each so many ranges,
-const kMaxRequests = 22;         // up to so many at a time
+const kRangesPerRequest = 12;    // one more request is allowed for each so many ranges,
+const kMaxRequests = 28;         // up to so many for what is asked for together
 const kKept = 16 << 20;          // bytes of answers that are kept, because they have gaps in them
 
 // Requests for single ranges that share a connection
@@ -29,11 +31,11 @@ const kMaxReserved = 1 << 26;    // reserved at once for an answer, whatever len
 
 const kMixed = /^multipart\/byteranges/i;
 
-const sleep = (ms) => new Promise((done) => setTimeout(done, ms));
-
 // Ends early when the browser is online again.
-const pause = (ms) => Promise.race([
-  sleep(ms), new Promise((done) => addEventListener('online', done, {once: true}))]);
+const pause = (ms) => new Promise((done) => {
+  setTimeout(done, ms);
+  addEventListener('online', done, {once: true, signal: AbortSignal.timeout(ms)});
+});
 
 const kNoRanges = 'The host of this field does not serve parts of files (HTTP ranges). ';
 const kTooLarge = kNoRanges + 'Without them, a field of at most 64 MiB is fetched whole, and ' +
@@ -42,19 +44,21 @@ const kCutShort = 'The host cut an answer short.';
 
 // A file on a host of static files, read by ranges. Without ranges, a small file is fetched whole.
 export class HttpSource {
-  // `small`: style.css is on the same host. `first`: the ranges that readAll() will be asked for
-  // first. `onProgress(done, total)` is called while a file is fetched whole; NaN: the total is
-  // unknown. `onError(error)`: the file has changed after parts of it were read. `onWait(waits)`:
-  // the host is silent, or answers again.
-  constructor(url, {small = true, first = [], onProgress, onError, onWait} = {}) {
+  // Requests end once `signal` is aborted. `small`: style.css is on the same host. `first`: the
+  // ranges that readAll() will be asked for first. `onProgress(done, total)` is called while a file
+  // is fetched whole; NaN: the total is unknown. `onError(error)`: the file has changed after parts
+  // of it were read. `onWait(waits)`: the host is silent, or answers again.
+  constructor(url, {signal, small = true, first = [], onProgress, onError, onWait} = {}) {
     this.url = new URL(url, document.baseURI);
-    Object.assign(this, {small, first, onProgress, onError, onWait});
+    Object.assign(this, {signal, small, first, onProgress, onError, onWait});
     this.bytes = this.requests = 0;
     this.roundTrips = 0;  // the longest chain of answers, each before the next request
     this.kept = [];       // answers with bytes that were not asked for, the oldest first
     this.wants = [];      // the ranges that load() will request
     this.early = new Map();  // promises of the bytes of `first`, by range
     this.several = false;  // whether the host serves several ranges in one answer
+    this.underWay = new Set();  // promises of requests
+    this.resumes = 0;      // when the host wants to be asked again
   }
   // Whether the field is on the host of the page.
   get beside() { return this.url.origin === globalThis.origin; }
@@ -174,13 +178,24 @@ export class HttpSource {
     return answer;
   }
 
-  // Requests ranges, and repeats a request that may succeed later. Refuses an answer with the whole
-  // file, unless it may be that (`orWhole`); then the result has no parts.
-  async request(ranges, {orWhole = false, came = () => {}, retries} = {}) {
-    retries ??= this.check ? Infinity : kRetries;
+  // Requests ranges once few enough requests are under way.
+  async request(ranges, options = {}) {
     const trip = this.roundTrips + 1;
+    while (this.underWay.size >= kAtOnce) await Promise.race(this.underWay);
+    const answer = this.repeat(ranges, trip, options);
+    const ended = answer.catch(() => {}).then(() => this.underWay.delete(ended));
+    this.underWay.add(ended);
+    return answer;
+  }
+  // Repeats a request that may succeed later. Refuses an answer with the whole file, unless it may
+  // be that (`orWhole`); then the result has no parts.
+  async repeat(ranges, trip, {orWhole = false, came = () => {}, retries}) {
+    retries ??= this.check ? Infinity : kRetries;
     for (let attempt = 0;; ++attempt) {
-      const stop = new AbortController();
+      while (this.resumes > Date.now()) await pause(this.resumes - Date.now());
+      const stop = new AbortController(), end = () => stop.abort();
+      this.signal?.throwIfAborted();
+      this.signal?.addEventListener('abort', end);
       let wrong, refusal, timer;
       const awaited = (promise) => {
         clearTimeout(timer);
@@ -216,14 +231,19 @@ export class HttpSource {
         if (response.ok || status === 416) return answer;
         wrong = status === 404 ? 'The field is not there (404).' : `The host answered ${status}.`;
         if (status < 500 && status !== 429) refuse(wrong);
+        const after = headers.get('Retry-After') ?? '';  // seconds, or a date
+        const resumes = /^\d+$/.test(after) ? Date.now() + 1000 * after : Date.parse(after);
+        this.resumes = Math.max(this.resumes, resumes || 0);
       } catch (error) {
         if (error === refusal) throw error;
         wrong = this.silence();
       } finally {
+        this.signal?.removeEventListener('abort', end);
         clearTimeout(timer);
       }
       if (attempt === retries) throw new Error(wrong);
-      if (attempt > 0 && !this.waits) this.onWait?.(this.waits = true);
+      const waits = attempt > 0 || this.resumes > Date.now();
+      if (waits && !this.waits) this.onWait?.(this.waits = true);
       await pause(Math.min(200 * 2 ** attempt, kLongPause));
     }
   }

@@ -23,15 +23,22 @@ const kTiny = 128 << 10;       // and of at most this size first of all
 const kMaxSmall = 4096;        // tiles of level 0 that may be loaded whole
 const kFlight = 1200;          // milliseconds that the camera takes from one view to another
 
-export const calm = matchMedia('(prefers-reduced-motion: reduce)');
+// What a media query says; in Node, which may import this, nothing matches.
+export const media = (query) => globalThis.matchMedia?.(query) ?? {matches: false};
+export const calm = media('(prefers-reduced-motion: reduce)');
 export const sleep = (ms) => new Promise((done) => setTimeout(done, ms));
 
 export class Viewer {
-  // `on` has functions: shown(moves) after each picture, settled(), say(text), failed(error).
-  constructor(canvas, settings, on) {
-    Object.assign(this, {canvas, settings, on});
-    this.camera = new Camera();
-    this.state = 'opening';  // then 'loading', 'settled', or 'failed'
+  // All work ends when `signal` is aborted. `on` has functions: shown() after each picture,
+  // moved(), settled(), lost(), say(text), failed(error). `state`:
+  //
+  //   opening ── begin() ──> loading <──────> settled       asking: for a file, while opening
+  //     ^                       └──> lost <──────┘          failed: for good; `message` says why
+  //     └─ another graphics context ──┘                     disposed: at the end
+  constructor(canvas, camera, settings, signal, on) {
+    Object.assign(this, {canvas, camera, settings, signal, on});
+    this.state = 'opening';
+    signal.addEventListener('abort', () => this.dispose());
     this.version = 0;        // counts changes of the view
     this.movedAt = -1e9;
     this.ceiling = 99;
@@ -42,7 +49,8 @@ export class Viewer {
     // first, complete: traffic() until the first picture, and until the first complete one
     // stuck: the view and the tiles with which level 0 was incomplete, if it is
     // again: whether the view is loaded again, as before
-    // stale: whether the canvas shows another state, or structures with other looks
+    // stale: an object while the canvas shows another state, other structures, or nothing; each
+    //   such change has its own
     // maskOf: the view that the renderer's mask is of
   }
 
@@ -57,60 +65,71 @@ export class Viewer {
             tiles: loader?.tiles ?? 0, slots: renderer?.slots ?? 0,
             tileBytes: renderer?.tileBytes ?? 0, damaged: loader?.damaged ?? 0};
   }
-  pages() { return this.field.shape.pages; }
-  read(pages) { return this.loader.reader.read(pages); }
 
   fail(error) {
+    if (this.signal.aborted) return;
     this.state = 'failed';
     this.message = String(error?.message ?? error);
     this.on.failed(error);
   }
-  get failed() { return this.state === 'failed'; }
+  get draws() { return this.state === 'loading' || this.state === 'settled'; }
+  get ended() { return this.state === 'failed' || this.state === 'disposed'; }
 
   // Shows the field of a source. `module` is a promise of the compiled WebAssembly module.
   async open(source, module, decoders) {
-    const {canvas} = this, fail = (error) => this.fail(error);
+    const {canvas, signal} = this, fail = (error) => this.fail(error);
     this.source = source;
     source.open().catch(() => {});  // beside the module; opening the field reports it
     this.resize();  // a canvas with a context takes long
     this.renderer = new Renderer(canvas);
     const field = this.field = new Field(source, await module);
     await field.open();
+    signal.throwIfAborted();
     field.state = field.stateNumber(this.settings.state);
     field.layers = layersOf(looksOf(field, this.settings.structures).looks);
     decoders.open(field);
     this.loader = new Loader(field, decoders, fail);
     // The tiles that matter most come while the graphics card makes room.
-    let first = await this.allOfLevel0(kTiny);
-    if (first.length === 0) first = await field.early(this.pagesOfLevel0());
-    if (first.length === 0) first = field.firstTiles(this.camera, canvas.width, canvas.height);
-    this.loader.want(first, true);
+    await this.wantFirst();
     // The tiles of the first picture need the whole network.
     Promise.allSettled(source.early?.values() ?? [])
       .then(() => field.prepare(this.view().level)).catch(fail);
     await sleep(4);
+    signal.throwIfAborted();
     this.renderer.open(field.shape, kTileBytes);
     this.loader.restart(this.renderer);
     canvas.addEventListener('webglcontextlost', (event) => {
       event.preventDefault();
-      this.lost = true;
-      this.fading = 0;
-      this.on.say('The graphics card was reset; waiting for it.');
-    });
+      if (this.ended) return;
+      this.state = 'lost';
+      this.stale = {};
+      this.changed();
+      this.on.lost();
+    }, {signal});
     canvas.addEventListener('webglcontextrestored', () => {
-      const renderer = this.renderer = new Renderer(canvas);
-      renderer.open(field.shape, kTileBytes);
-      this.loader.restart(renderer);
-      renderer.ready.then(() => {
-        this.lost = false;
+      if (this.ended) return;
+      this.renderer = new Renderer(canvas);
+      this.renderer.open(field.shape, kTileBytes);
+      this.loader.restart(this.renderer);
+      this.wantFirst().then(() => {
+        if (this.state !== 'lost') return;
+        this.state = 'opening';
         this.on.say('');
-        this.moved();
       }).catch(fail);
-    });
-    new ResizeObserver(() => this.resize()).observe(canvas);
-    this.state = 'loading';
+    }, {signal});
+    this.sizes = new ResizeObserver(() => this.resize());
+    this.sizes.observe(canvas);
     requestAnimationFrame((now) => this.frame(now));
     this.follow().catch(fail);
+  }
+
+  // Has the tiles of level 0 loaded that the view needs first.
+  async wantFirst() {
+    const {camera, canvas, field} = this;
+    let first = await this.allOfLevel0(kTiny);
+    if (first.length === 0) first = await field.early(this.pagesOfLevel0());
+    if (first.length === 0) first = field.firstTiles(camera, canvas.width, canvas.height);
+    this.loader.want(first, true);
   }
 
   // ---- the view ---------------------------------------------------------------------------------
@@ -163,20 +182,18 @@ export class Viewer {
   }
   reload() {
     this.loader.show();
-    this.stale = true;
+    this.stale = {};
     this.stuck = undefined;
     this.reached = -1;
   }
 
   // Turns the camera to another place, given as Camera.toText() says, in an eased flight.
   flyTo(text) {
-    const from = new Camera(), to = new Camera(), {camera} = this;
-    from.fromText(camera.toText());
+    const {camera} = this, from = new Camera(camera.toText()), to = new Camera(camera.toText());
     to.fromText(text);
     camera.rest();
     this.halt();
-    this.flight = {from, to, begin: performance.now()};
-    if (calm.matches) this.flight.begin -= kFlight;
+    this.flight = {from, to, begin: performance.now() - (calm.matches ? kFlight : 0)};
     return new Promise((done) => { this.flight.done = done; });
   }
   // Ends a flight where it is.
@@ -184,19 +201,20 @@ export class Viewer {
     this.flight?.done();
     this.flight = undefined;
   }
-  // Ends all work.
-  close() {
-    this.state = 'failed';
+  // Frees all memory, here and on the graphics card.
+  dispose() {
+    this.state = 'disposed';
+    this.halt();
+    this.sizes?.disconnect();
     this.renderer?.gl.getExtension('WEBGL_lose_context')?.loseContext();
+    this.source = this.field = this.loader = this.renderer = undefined;
   }
   fly(now) {
-    const {from, to, begin, done} = this.flight;
+    const {from, to, begin} = this.flight;
     const t = Math.min(1, Math.max(0, now - begin) / kFlight);
     this.camera.between(from, to, t * t * (3 - 2 * t));
     this.moved();
-    if (t < 1) return;
-    this.flight = undefined;
-    done();
+    if (t === 1) this.halt();
   }
 
   resize() {
@@ -244,13 +262,14 @@ export class Viewer {
   // ---- drawing ----------------------------------------------------------------------------------
 
   frame(now) {
-    if (this.failed) return;
+    if (this.ended) return;
     requestAnimationFrame((next) => this.frame(next));
     const elapsed = Math.min(now - (this.before ?? now), 200);
     this.before = now;
-    if (!this.begun || this.lost || !this.seen) return;
+    if (!this.draws) return;
     if (this.flight) this.fly(now);
-    else if (this.camera.advance(elapsed / 1000)) this.moved();
+    if (!this.seen) return;
+    if (!this.flight && this.camera.advance(elapsed / 1000)) this.moved();
     if (now - (this.rateFrom ?? 0) > 500) {
       this.rate = this.moves(now) ? this.frames * 1000 / (now - this.rateFrom) : 0;
       this.frames = 0;
@@ -258,9 +277,7 @@ export class Viewer {
     }
     if (this.drawing) return;
     if (this.fading > 0) {
-      this.renderer.fade(1 / this.fading--);
-      this.first ??= this.traffic();
-      if (this.fading === 0) this.on.shown();
+      this.put(1 / this.fading--);
     } else if (this.first && this.moves(now)) {
       this.draw(elapsed / 1000).catch((error) => this.fail(error));
     }
@@ -273,24 +290,29 @@ export class Viewer {
     this.stuck = this.renderer.showMoving(view, kRise * seconds) ? undefined : state;
     if (this.stuck) return;
     this.maskOf = this.version;
-    await this.quickly(view, kFrame);
-    if (this.lost) return;
-    this.renderer.fade(1);
-    this.stale = false;
+    const {stale} = this, current = () => this.draws && this.stale === stale;
+    let done = await this.quickly(view, kFrame);
+    if (stale && !done && current()) {  // some pixels would show another state
+      this.renderer.show(0, []);
+      done = await this.quickly(view, kFrame);
+    }
+    if (stale && !done) this.stuck = state;
+    else if (current()) this.put(1);
     ++this.frames;
-    this.on.shown();
   }
 
   // Draws a picture, which has fewer pixels where it would take longer. Resolves to whether no
   // pixel lacks a tile.
-  async quickly(view, milliseconds) {
-    this.drawing = true;
+  quickly(view, milliseconds) {
     const {canvas, renderer} = this, time = renderer.cost * canvas.width * canvas.height;
     const scale = Math.sqrt(milliseconds / (time || 4 * milliseconds));
-    const done =
-      await renderer.draw({...view, stamp: undefined}, Math.min(1, Math.max(kMinScale, scale)));
-    this.drawing = false;
-    return done;
+    return this.drawn(
+      renderer.draw({...view, stamp: undefined}, Math.min(1, Math.max(kMinScale, scale))));
+  }
+  // Waits for what is being drawn. Nothing else may be drawn meanwhile.
+  drawn(work) {
+    this.drawing = true;
+    return work.finally(() => { this.drawing = false; });
   }
 
   // Draws the pixels of the view that are not final, in full resolution, beside what is shown.
@@ -298,24 +320,29 @@ export class Viewer {
   async sharpen(view) {
     const asked = this.version;
     while (this.drawing) await sleep(2);
-    if (this.version !== asked) return undefined;
-    this.drawing = true;
-    const done = await this.renderer.sharpen(view, () => this.version === asked);
-    this.drawing = false;
+    if (!this.current(asked)) return undefined;
+    const done = await this.drawn(this.renderer.sharpen(view, () => this.version === asked));
     return this.current(asked) ? done : undefined;
   }
-  current(asked) { return this.version === asked && !this.lost && !this.failed; }
+  current(asked) { return this.version === asked && this.draws; }
 
-  // Fades in the picture that was drawn.
+  // Fades in the picture that was drawn; at once, if two states would be mixed.
   show() {
-    this.stale = false;
-    this.fading = calm.matches || !this.first ? 1 : kFade;
+    this.fading = calm.matches || !this.first || this.stale ? 0 : kFade;
+    if (this.fading === 0) this.put(1);
+  }
+  put(opacity) {
+    this.renderer.fade(opacity);
+    this.first ??= this.traffic();
+    this.stale = undefined;
+    if (this.fading === 0) this.on.shown();
   }
 
   // Shows a level that another one will replace, if no pixel lacks a tile of it.
   async showCoarse(view, level) {
     const asked = this.version;
     while (this.drawing) await sleep(2);
+    if (!this.current(asked)) return false;
     this.renderer.show(level, this.maskOf === this.version ? undefined : []);
     this.maskOf = this.version;
     const done = await this.quickly({...view, level}, kStill) && this.current(asked);
@@ -323,36 +350,30 @@ export class Viewer {
     return done;
   }
 
-  // Draws the view `count` times in full. Resolves to the milliseconds that each picture took.
-  async frameTimes(count) {
-    const times = [];
-    while (this.drawing) await sleep(2);
-    this.drawing = true;
-    for (let i = 0; i < count; ++i) {
-      const begin = performance.now();
-      await this.renderer.draw({...this.view(), stamp: undefined}, 1);
-      this.renderer.fade(1);
-      times.push(performance.now() - begin);
-    }
-    this.drawing = false;
-    return times;
-  }
-
   // ---- following --------------------------------------------------------------------------------
+
+  // Begins to draw, with level 0, at first and on another graphics context. Resolves to the view's
+  // stamp.
+  async begin() {
+    const {loader, renderer} = this;
+    while (loader.busy && this.state === 'opening') await sleep(5);
+    await renderer.ready;
+    if (this.state !== 'opening' || renderer !== this.renderer) return undefined;
+    this.state = 'loading';
+    const view = this.view();
+    this.reached = await this.showCoarse(view, 0) ? 0 : -1;
+    await renderer.asks;
+    return view.stamp;
+  }
 
   // Finds the tiles of the view and has them loaded, again and again. While the camera stands
   // still, a level is shown once it is complete: nobody sees a tile.
   async follow() {
     const {loader, field} = this;
-    let needed = new Set(), thorough = false;
-    while ((loader.busy || this.lost) && !this.failed) await sleep(5);
-    await this.renderer.ready;
-    this.begun = true;
-    let seen = this.view().stamp;
-    if (await this.showCoarse(this.view(), 0)) this.reached = 0;
-    await this.renderer.asks;
-    while (!this.failed) {
-      if (this.lost || !this.seen) {
+    let needed = new Set(), thorough = false, seen;
+    while (!this.ended) {
+      if (this.state === 'opening') seen = await this.begin();
+      if (!this.draws || !this.seen) {
         seen = undefined;
         await sleep(50);
         continue;
@@ -374,8 +395,8 @@ export class Viewer {
       if (sharp === undefined) continue;
       if (sharp) {
         this.renderer.show(view.level, []);
-        this.show();
         this.complete ??= this.traffic();
+        this.show();
         loader.want([...needed, ...await this.allOfLevel0(kSmall)]);
         while (this.fading > 0 && this.current(asked)) await sleep(5);
         if (!this.current(asked)) continue;
@@ -387,7 +408,7 @@ export class Viewer {
       const [pages] = await Promise.all(
         [again ? [] : thorough ? this.renderer.askAll(view) : this.askFew(view, moving),
          field.prepare(view.level)]);
-      if (this.failed || this.lost) continue;
+      if (!this.draws) continue;
       for (const at of pages) needed.add(at);
       const absent = loader.want([...needed], !moving);
       this.state = 'loading';
@@ -442,11 +463,10 @@ export class Viewer {
 
   // Loads what the view will need soon.
   async lookAhead(view, needed) {
-    const ahead = new Camera();
-    Object.assign(ahead, structuredClone({...this.camera}));
+    const ahead = Object.assign(new Camera(), structuredClone({...this.camera}));
     ahead.advance(kAhead);
     const pages = await this.renderer.ask({...view, camera: ahead, stamp: undefined});
-    if (!this.failed && !this.lost) this.loader.want([...needed, ...pages]);
+    if (this.draws) this.loader.want([...needed, ...pages]);
   }
 
   // The pages of level 0, if they are few.

@@ -49,4 +49,4 @@ export function serve(port) {
   };
 }
 
-if (!globalThis.document) serve(globalThis);
+if (globalThis.WorkerGlobalScope) serve(globalThis);

@@ -283,10 +283,13 @@ class Field:
         """
         return self._drawn(state, structures).pick(camera_tuple(self.sphere, camera, size), x, y)
 
-    def thumbnail(self, size: int = 256,
-                  background: Sequence[float] | None = (0, 0, 0)) -> Array:
-        """A small picture: uint8 [size, size, 4]. Reads coarse tiles, and keeps none."""
-        colors, _ = self._drawn(None, None).render(
+    def thumbnail(self, size: int = 256, background: Sequence[float] | None = (0, 0, 0), *,
+                  state: State | None = None, structures: Structures | None = None) -> Array:
+        """A small picture: uint8 [size, size, 4]. Reads coarse tiles, and keeps none.
+
+        state, structures: as in render().
+        """
+        colors, _ = self._drawn(state, structures).render(
             camera_tuple(self.sphere, orbit(), (size, size)), None, self._level("matching"), False,
             None, True, _THUMBNAIL_MEMORY)
         return finished_picture(colors, np.uint8, background)
@@ -383,7 +386,8 @@ class Field:
              structures: Structures | None = None, force: bool = False) -> View:
         """The page of `slf view`, turned by the mouse, in a notebook; its `url` for a browser.
 
-        A server on this machine sends the page the parts of the file that views need. It runs
+        The notebook gets a field of at most 2 MiB whole, and so keeps it. Of a larger one, it keeps
+        a picture: a server on this machine sends the page the parts of the file that views need,
         until the field is closed. Where the notebook's server is on another machine than the
         browser, jupyter-server-proxy leads there; without it, the notebook gets a field of at most
         20 MiB whole.

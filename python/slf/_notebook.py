@@ -10,6 +10,7 @@ import os
 import pathlib
 import struct
 import tempfile
+import uuid
 import zlib
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +21,8 @@ from ._errors import Error
 if TYPE_CHECKING:
     from ._field import Field
 
-_MAX_EMBEDDED = 20 << 20  # bytes of a field that a notebook gets whole
+_SMALL = 2 << 20          # bytes of a field that show() puts into the notebook whole,
+_MAX_EMBEDDED = 20 << 20  # and of one that its reader could not see otherwise
 
 
 def png(picture: np.ndarray) -> bytes:
@@ -38,10 +40,27 @@ def png(picture: np.ndarray) -> bytes:
             chunk(b"IDAT", zlib.compress(rows.tobytes(), 6)) + chunk(b"IEND", b""))
 
 
-def _frame(url: str) -> str:
+def _figure(field: Field, said: str, frame: str = "hidden", **shown: Any) -> str:
+    """A picture of a field. The frame is over it once the page inside says that it runs: after the
+    kernel's end, in a file of nbconvert, or in a notebook that is not trusted, it may not."""
+    picture = base64.b64encode(png(field.thumbnail(480, **shown)[..., :3])).decode()
+    name, over = f"slf-{uuid.uuid4().hex}", "position:absolute;inset:0;width:100%;height:100%"
+    return f"""<script>addEventListener('message', ({{data, source}}) => {{
+  const frame = document.querySelector('#{name} iframe');
+  if (data === 'slf-field' && frame?.contentWindow === source)
+    Object.assign(frame.style, {{opacity: 1, pointerEvents: 'auto'}});
+}});</script><div id='{name}' style='position:relative;background:#000;text-align:center'>
+<img alt='{html.escape(field.path)}' height='540' src='data:image/png;base64,{picture}'>
+<iframe {frame} style='{over};border:0;opacity:0;pointer-events:none' loading='lazy'
+allowfullscreen></iframe></div><p>{said}</p>"""
+
+
+def _served(field: Field, url: str, **shown: Any) -> str:
     url = html.escape(url, quote=True)
-    return (f"<iframe src='{url}' loading='lazy' width='100%' height='540' style='border:0' "
-            f"allowfullscreen></iframe><p><a href='{url}' target='_blank'>{url}</a></p>")
+    return _figure(field, f"<a href='{url}' target='_blank'>{url}</a> is there until the "
+                   "kernel ends or the field is closed. If this is only a picture, run the cell "
+                   "again to turn it.",
+                   f"src='{url}'", **shown)
 
 
 def server_base() -> str | None:
@@ -82,7 +101,7 @@ def _page(field: Field) -> str:
         return ""
     if not url:
         return ""
-    return f"<details><summary>Turn it with the mouse</summary>{_frame(url)}</details>"
+    return f"<details><summary>Turn it with the mouse</summary>{_served(field, url)}</details>"
 
 
 def bundle(field: Field) -> dict[str, Any]:
@@ -118,17 +137,20 @@ class View:
         return f"<slf view at {self.url}>"
 
     def _repr_html_(self) -> str:
+        field = self._field
+        first = {name: self._shown[name] for name in ("state", "structures")}
         url = _reachable(self.url)
-        if url:
-            return _frame(url)
-        if self._field.file_bytes > _MAX_EMBEDDED:
-            return ("<p>The browser cannot reach the page of this field, which is on the machine "
-                    "of the notebook, and the field is too large to embed. Install "
-                    "jupyter-server-proxy there, or <code>field.show(\"page.html\")</code> writes "
-                    "a file beside the notebook, or <code>slf.repack</code> makes a smaller field."
-                    "</p>")
+        if field.file_bytes > (_MAX_EMBEDDED if url is None else _SMALL):
+            if url:
+                return _served(field, url, **first)
+            return _figure(field, "The browser cannot reach the page of this field, which is on "
+                           "the machine of the notebook, and the field is too large to embed. "
+                           "Install jupyter-server-proxy there, or "
+                           "<code>field.show(\"page.html\")</code> writes a file beside the "
+                           "notebook, or <code>slf.repack</code> makes a smaller field.", **first)
         with tempfile.TemporaryDirectory() as folder:
             page = pathlib.Path(folder, "page.html")
-            self._field.show(page, **self._shown)
+            field.show(page, **self._shown)
             text = html.escape(page.read_text("utf-8"))
-        return f"<iframe srcdoc='{text}' width='100%' height='540' style='border:0'></iframe>"
+        return _figure(field, "The notebook has the whole field. If this is only a picture, trust "
+                       "the notebook to turn it.", f"srcdoc='{text}'", **first)

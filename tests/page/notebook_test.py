@@ -44,8 +44,10 @@ http {{
   }}
 }}
 """
+FRAME = "document.querySelector('iframe')"
 CELLS = {
     "shown": ["import slf\nfield = slf.open('field.slf')\nfield.show()", "field"],
+    "small": ["import slf\nfield = slf.open('small.slf')\nfield.show()"],
     "structures": ["""
 import numpy as np, slf
 ids = np.zeros((12, 12, 12), np.uint8)
@@ -132,8 +134,9 @@ class NotebookTest(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
         os.makedirs(WORK, exist_ok=True)
-        slf("build", "scene:balls", "--entry", 4, "--exit", 16, "--levels", 1, "-o",
-            path("field.slf"), "-f")
+        for name, levels in [("field", 2), ("small", 0)]:  # small: notebooks get it whole
+            slf("build", "scene:balls", "--entry", 4, "--exit", 16, "--levels", levels, "-o",
+                path(name + ".slf"), "-f")
         kernel = {"name": "python3", "display_name": "Python 3", "language": "python"}
         for name, sources in CELLS.items():
             cells = [{"cell_type": "code", "metadata": {}, "execution_count": None, "outputs": [],
@@ -217,10 +220,67 @@ class NotebookTest(unittest.TestCase):
     def test_a_cell_shows_structures(self):
         with Notebook(WORK, "localhost") as notebook:
             page = self.run_cells(notebook, 1, "structures")
-            [shown] = self.frames(1)
-            shown.settle()
-            self.assertEqual(shown.run("document.querySelector('slf-field').structures"),
-                             ["label 2:0.5:#ff0000"])
+            page.wait(f"{FRAME}.contentWindow.slf?.state === 'settled'", 60)
+            self.assertEqual(
+                page.run(f"{FRAME}.contentDocument.querySelector('slf-field').structures"),
+                ["label 2:0.5:#ff0000"])
+            page.close()
+
+    def test_what_is_left_when_the_kernel_has_ended(self):
+        """On reload and in HTML by nbconvert: a picture, or the field if it is small."""
+        with Notebook(WORK, "localhost") as notebook:
+            for name, count in [("shown", 2), ("small", 1)]:
+                page = self.run_cells(notebook, count, name)
+                page.wait(f"getComputedStyle({FRAME}).opacity === '1'", 60)
+                page.run("Jupyter.notebook.save_notebook()")
+                page.run("globalThis.before = true, Jupyter.notebook.kernel.restart(), 0")
+                page.wait("!Jupyter.notebook.kernel.is_connected()", 20)
+                page.wait("Jupyter.notebook.kernel.is_connected()", 60)
+                page.call("Page.reload")
+                page.wait("!globalThis.before")
+                self.expect_left(page, name)
+                page.close()
+        subprocess.run([sys.executable, "-m", "nbconvert", "--to", "html", "--log-level", "ERROR",
+                        path("shown.ipynb"), path("small.ipynb")], check=True)
+        with Host(WORK) as host:
+            for name in ["shown", "small"]:
+                page = self.browser.open(f"{host.url}/{name}.html", 1000, 1800)
+                self.expect_left(page, name + "-html")
+                page.close()
+
+    def expect_left(self, page, name):
+        page.wait(FRAME + " && document.readyState === 'complete'", 60)
+        if name.startswith("small"):
+            page.run(FRAME + ".scrollIntoView()")
+            page.wait(f"{FRAME}.contentWindow?.slf?.state === 'settled'", 60)
+        time.sleep(1)
+        self.assertEqual(page.run(f"getComputedStyle({FRAME}).opacity"),
+                         "1" if name.startswith("small") else "0")
+        self.expect_visible(page, name)
+        self.assertIn("run the cell again" if name.startswith("shown") else "has the whole field",
+                      page.run(f"{FRAME}.parentElement.nextElementSibling.textContent"))
+
+    def test_the_wheel_over_a_frame_scrolls_the_notebook(self):
+        with Notebook(WORK, "localhost") as notebook:
+            page = self.run_cells(notebook, 1, "small")
+            page.run("document.querySelector('.output_area').style.paddingBottom = '3000px';"
+                     "document.querySelector('#site').scrollTop = 0")
+            page.wait(f"{FRAME}.contentWindow.slf?.state === 'settled'", 60)
+            x, y = page.run(f"(({{x, y}}) => [x + 200, y + 300])({FRAME}.getBoundingClientRect())")
+
+            def wheel():
+                page.call("Input.dispatchMouseEvent", type="mouseWheel", x=x, y=y, deltaX=0,
+                          deltaY=100)
+                time.sleep(0.5)
+                return page.run(f"[document.querySelector('#site').scrollTop > 0, "
+                                f"{FRAME}.contentWindow.slf.camera.distance > 3]")
+
+            self.assertEqual(wheel(), [True, False])
+            page.run("document.querySelector('#site').scrollTop = 0")
+            for kind in ["mousePressed", "mouseReleased"]:  # then it is used
+                page.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left",
+                          buttons=int(kind == "mousePressed"), clickCount=1)
+            self.assertEqual(wheel(), [False, True])
             page.close()
 
     def shown_away(self, variables, *options):
@@ -230,10 +290,9 @@ class NotebookTest(unittest.TestCase):
                       ["--NotebookApp.allow_remote_access=True", *options]) as notebook, \
                 PathProxy(notebook, base) as proxy:
             page = self.run_cells(proxy, count=None)
-            frame = "document.querySelector('.output_area iframe')"
-            page.run(f"{frame}.scrollIntoView()")
-            page.wait(f"{frame}.contentWindow.slf?.state === 'settled'", 60)
-            found = page.run(f"[{frame}.contentWindow.location.href, "
+            page.run(f"{FRAME}.scrollIntoView()")
+            page.wait(f"{FRAME}.contentWindow.slf?.state === 'settled'", 60)
+            found = page.run(f"[{FRAME}.contentWindow.location.href, "
                              "document.querySelectorAll('.output_area iframe').length]")
             self.expect_visible(page, "away")
             self.assertEqual([line for line in page.complaints() if "slf" in line], [])

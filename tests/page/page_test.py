@@ -16,6 +16,7 @@ import subprocess
 import sys
 import time
 import unittest
+from email.utils import formatdate
 from urllib.parse import quote
 
 sys.dont_write_bytecode = True
@@ -133,6 +134,21 @@ class PageTest(unittest.TestCase):
                 self.assertEqual(page.run("slf.statistics().damaged"), 0)
                 page.close()
             self.assertEqual(server.status, -signal.SIGINT)  # as a shell expects of Ctrl-C
+
+    def test_any_distance_that_slf_render_takes_is_shown(self):
+        field = self.fields[0]
+        with Server(field) as server:
+            page = self.browser.open(server.url, SIZE, SIZE)
+            page.settle()
+            for distance in [0.5, 1.005, 60]:
+                found = self.psnr(page, field, (30, 20, distance), "depth", 2)
+                with self.subTest(distance=distance):
+                    self.assertGreaterEqual(found, MIN_PSNR["depth"])
+                    self.assertEqual(page.run("slf.camera.distance"), distance)
+            for factor, distance in [(0.9, 54), (1.1, 54), (0.1, 5.4), (0.1, 1.02), (100, 20)]:
+                page.run(f"slf.camera.zoom({factor})")  # never further than it is, or 20 radii
+                self.assertAlmostEqual(page.run("slf.camera.distance"), distance)
+            page.close()
 
     def test_chooses_the_level_that_slf_render_chooses(self):
         field = self.fields[0]
@@ -253,15 +269,21 @@ class PageTest(unittest.TestCase):
                         self.assertLess(abs(found[worst] - exact[worst]), 0.75)
             page.close()
 
-    def test_states(self):
-        """The states of a field, by link, by keys and as a film. What they share comes once."""
-        cuts = [("top off", (0, 0, 1)), ("half", (1, 0, 0))]
+    @classmethod
+    def stated(cls):
+        """A field of three states."""
         with open(path("states.json"), "w") as file:
             json.dump({"states": [{"name": "whole"}] + [
-                {"name": name, "clip": [[12, 12, 12, *normal]]} for name, normal in cuts]}, file)
+                {"name": name, "clip": [[12, 12, 12, *normal]]}
+                for name, normal in [("top off", (0, 0, 1)), ("half", (1, 0, 0))]]}, file)
         field = path("states.slf")
         slf("build", path("cube.raw"), "--dims", "24x24x24", "--lighting", "direct", "--levels", 1,
             "--entry", 4, "--exit", 16, "--states", path("states.json"), "-o", field, "-f")
+        return field
+
+    def test_states(self):
+        """The states of a field, by link, by keys and as a film. What they share comes once."""
+        field = self.stated()
         with Server(field) as server:
             page = self.browser.open(server.url, SIZE, SIZE)
             page.settle()
@@ -374,7 +396,7 @@ class PageTest(unittest.TestCase):
               const {reader} = slf.loader, read = reader.read;
               globalThis.states = new Set();
               reader.read = (pages) => {
-                pages.forEach((page) => states.add(Math.floor(page / slf.pages())));
+                pages.forEach((page) => states.add(Math.floor(page / slf.field.shape.pages)));
                 return read.call(reader, pages);
               };
             })()""")
@@ -571,9 +593,9 @@ class PageTest(unittest.TestCase):
                 page.settle()
                 text = page.run(f"""(async () => {{
                   const pages = [];
-                  for (let p = 0; p < slf.pages(); p += {stride}) pages.push(p);
+                  for (let p = 0; p < slf.field.shape.pages; p += {stride}) pages.push(p);
                   const parts = [];
-                  for (const tile of await Promise.all(slf.read(pages)))
+                  for (const tile of await Promise.all(slf.loader.reader.read(pages)))
                     for (const part of [tile.color, tile.depth]) if (part) parts.push(part);
                   const all = await new Blob(parts).arrayBuffer();
                   const digest = new Uint8Array(await crypto.subtle.digest('SHA-256', all));
@@ -1031,14 +1053,91 @@ class PageTest(unittest.TestCase):
             page.settle()
             page.canvas(path("before.png"))
             page.run("""globalThis.lose = slf.root.getElementById('picture').getContext('webgl2')
-                          .getExtension('WEBGL_lose_context'); lose.loseContext()""")
-            page.run("new Promise((done) => setTimeout(done, 300)).then("
-                     "() => { lose.restoreContext(); })")
-            page.run("new Promise((done) => setTimeout(done, 500))")
+                          .getExtension('WEBGL_lose_context');
+              globalThis.shown = () => slf.root.querySelector('#picture.shown');
+              globalThis.blank = 0;
+              const look = () => {  // at what the canvas shows, wherever it shows
+                requestAnimationFrame(look);
+                const canvas = shown(), gl = canvas?.getContext('webgl2');
+                if (!canvas || gl.isContextLost()) return;
+                const {width, height} = canvas, pixels = new Uint8Array(width * height * 4);
+                gl.bindFramebuffer(gl.READ_FRAMEBUFFER, null);
+                gl.readPixels(0, 0, width, height, gl.RGBA, gl.UNSIGNED_BYTE, pixels);
+                blank += !pixels.some((v, i) => i % 4 < 3 && v > 100);
+              };
+              requestAnimationFrame(look), 0""")
+            for change in ["0", "slf.camera.turn(40, 0), slf.moved()"]:  # the second one: at work
+                page.run(change + ", lose.loseContext()")
+                page.run("new Promise((done) => setTimeout(done, 300))")
+                self.assertEqual(page.run("[slf.state, shown()]"), ["lost", None])
+                page.run("lose.restoreContext(), 0")
+                page.settle()
+                self.assertEqual(page.run("[blank, shown() !== null, "
+                                          "slf.root.getElementById('status').textContent]"),
+                                 [0, True, ""])
+            page.run("slf.camera.turn(-40, 0), slf.moved()")
             page.settle()
             page.canvas(path("after.png"))
             found = json.loads(slf("compare", path("before.png"), path("after.png"), "--json"))
             self.assertTrue(found["equal"], found)
+            page.close()
+
+    def test_no_frame_shows_two_states(self):
+        """While states play over a slow link."""
+        folder = path("slow")
+        slf("export", self.stated(), "-o", folder, "-f")
+        with Host(folder, rate=4e4, delay=0.1) as host:
+            page = self.open(host.url + "/index.html#view=30,40,3")
+            page.settle()
+            page.run("""globalThis.frames = [];
+              globalThis.frame = () => {
+                const canvas = slf.root.getElementById('picture'), gl = canvas.getContext('webgl2');
+                const pixels = new Uint8Array(canvas.width * canvas.height * 4);
+                gl.bindFramebuffer(gl.READ_FRAMEBUFFER, null);
+                gl.readPixels(0, 0, canvas.width, canvas.height, gl.RGBA, gl.UNSIGNED_BYTE, pixels);
+                return pixels;
+              };
+              const shoot = () => {
+                requestAnimationFrame(shoot);
+                const now = frame(), last = frames.at(-1);
+                if (!last || now.some((v, i) => v !== last[i])) frames.push(now);
+              };
+              requestAnimationFrame(shoot), 0""")
+            self.press(page, "p")
+            # A reader turns it meanwhile.
+            page.run("""(async () => {
+              for (let i = 0; i < 60; ++i) {
+                await new Promise((done) => setTimeout(done, 50));
+                if (i % 4 === 0) slf.moved();
+              }
+            })()""")
+            page.wait("slf.field.state === 0", 60)
+            self.press(page, "p")
+            page.run("globalThis.film = frames, 0")
+            shares = []
+            for state in ["whole", "top off", "half"]:
+                page.run(f"slf.root.host.state = '{state}', 0")
+                page.settle()
+                for level in [0, 1]:
+                    page.run(f"slf.settings.level = '{level}', slf.changed(), 0")
+                    page.settle()
+                    page.run(f"(globalThis.exact ??= {{}})['{state}{level}'] = frame(), 0")
+            found = page.run("""film.map((frame) => {
+              // How much of a frame is none of the colours that a state has there.
+              const others = ['whole', 'top off', 'half'].map((state) => {
+                let wrong = 0, all = 0;
+                for (let i = 0; i < frame.length; i += 4) {
+                  const levels = [exact[state + 0][i], exact[state + 1][i]], v = frame[i];
+                  all += v > 40 || Math.max(...levels) > 40;
+                  wrong += v > Math.max(...levels) + 40 || v < Math.min(...levels) - 40;
+                }
+                return wrong / all;
+              });
+              return Math.min(...others);
+            })""")
+            print([round(v, 2) for v in found], flush=True)
+            self.assertGreater(len(found), 2)
+            self.assertLess(max(found), 0.03)
             page.close()
 
     def test_a_film_of_loading_gets_only_better(self):
@@ -1130,6 +1229,37 @@ class PageTest(unittest.TestCase):
             page.settle()
             self.assertEqual(page.run("slf.root.getElementById('status').textContent"), "")
             page.close()
+
+    def test_a_busy_host_is_asked_again_when_it_says(self):
+        folder, _ = self.counted_site()
+
+        class Busy(Handler):
+            asked, until = [], 0  # times
+
+            def do_GET(self):
+                if not self.path.endswith(".slf"):
+                    return super().do_GET()
+                Busy.asked.append(time.time())
+                if len(Busy.asked) == 4:
+                    Busy.until = time.time() + 3
+                if time.time() > Busy.until:
+                    return super().do_GET()
+                self.send_response(429)
+                self.send_header("Retry-After", formatdate(Busy.until + 1, usegmt=True)
+                                 if by_date else "3")
+                self.send_header("Content-Length", "0")
+                return self.end_headers()
+
+        for by_date in [False, True]:
+            Busy.asked, Busy.until = [], 0
+            with Host(folder, "one", handler=Busy) as host:
+                page = self.open(host.url + "/index.html#level=2")
+                page.settle()
+                page.close()
+            # Those that were under way were refused, too.
+            early = [at for at in Busy.asked if Busy.until - 2.5 < at < Busy.until]
+            self.assertEqual(early, [])
+            self.assertLessEqual(len(Busy.asked), 50)
 
     def test_the_panel_starts_folded_where_it_would_cover_much(self):
         with Server(self.fields[0]) as server:
@@ -1242,6 +1372,90 @@ class PageTest(unittest.TestCase):
                     self.assertTrue(a[2] <= b[0] or b[2] <= a[0] or a[3] <= b[1] or b[3] <= a[1])
             page.close()
 
+    LONG = {"views": [{"title": "A view", "orbit": [30, 10, 2.5]},
+                      {"title": "A view with a long title", "text": "And a long text. " * 30,
+                       "orbit": [60, 10, 2.5]}]}
+
+    def test_the_way_to_the_next_view_does_not_move_with_the_text(self):
+        with self.explained(self.LONG) as server:
+            for size in [(390, 844), (512, 512), (800, 600), (1200, 800)]:
+                page = self.browser.open(server.url, *size)
+                page.settle()
+                at = "['previous', 'next'].map((id) => (({x, y}) => [x, y])(" \
+                     "slf.root.getElementById(id).getBoundingClientRect()))"
+                places = page.run(at)
+                page.run("slf.root.getElementById('next').click()")
+                self.assertIn("long", page.run("slf.root.getElementById('title').textContent"))
+                with self.subTest(size=size):
+                    self.assertEqual(page.run(at), places)
+                page.close()
+
+    def test_saved_views_cover_nothing_of_the_panel_or_the_list(self):
+        with self.explained(self.LONG, self.structured()) as server:
+            for size in [(530, 400), (640, 360), (800, 600), (844, 390), (1050, 500), (1200, 700)]:
+                page = self.browser.open(server.url, *size)
+                page.settle()
+                page.run("slf.root.getElementById('next').click()")
+                for name, by in [("panel", "fold"), ("structures", "unroll")]:
+                    page.run(f"""((button) => button.ariaExpanded === 'true' || button.click())(
+                      slf.root.getElementById('{by}'))""")
+                    box = """((id) => (({left, top, right, bottom}) => [left, top, right, bottom])(
+                      slf.root.getElementById(id).getBoundingClientRect()))"""
+                    a, b = page.run(f"{box}('views')"), page.run(f"{box}('{name}')")
+                    with self.subTest(size=size, name=name):
+                        self.assertTrue(a[2] <= b[0] or b[2] <= a[0] or a[3] <= b[1] or
+                                        b[3] <= a[1], (a, b))
+                        self.assertTrue(a[0] >= 0 and a[2] <= size[0] and a[2] - a[0] > 170, a)
+                page.close()
+
+    def test_the_background_follows_the_colour_scheme_until_it_is_chosen(self):
+        with Server(self.fields[0]) as server:
+            page = self.browser.open(server.url, SIZE, SIZE)
+            page.settle()
+
+            def scheme(value):
+                page.call("Emulation.setEmulatedMedia",
+                          features=[{"name": "prefers-color-scheme", "value": value}])
+                page.settle()
+                return page.run("[slf.settings.background,"
+                                " slf.root.getElementById('background').value]")
+
+            for value, color in [("light", "#f4f5f7"), ("dark", "#000000")]:
+                self.assertEqual(scheme(value), [color, color])
+            page.run("""((input) => {
+              input.value = '#123456';
+              input.dispatchEvent(new Event('input'));
+            })(slf.root.getElementById('background'))""")
+            self.assertEqual(scheme("light"), ["#123456", "#123456"])
+            page.close()
+
+    def test_a_link_to_a_view_that_is_not_there_says_so(self):
+        with self.explained(self.LONG) as server:
+            for number in ["99", "0", "-1", "1.5", "x"]:
+                page = self.browser.open(server.url + "#saved=" + number, SIZE, SIZE)
+                page.wait("slf.root.getElementById('status').textContent.includes("
+                          f"'no saved view {number}')", 30)
+                self.assertEqual(page.run("slf.camera.toText()"), "30,10,2.5")
+                page.close()
+            page = self.browser.open(server.url + "#saved=2", SIZE, SIZE)
+            page.wait("slf.camera.toText() === '60,10,2.5'", 20)
+            page.close()
+
+    def test_screen_readers_hear_what_is_seen(self):
+        with Server(self.stated()) as server:
+            page = self.browser.open(server.url + "#view=30,20,3", SIZE, SIZE)
+            page.settle()
+            names = []
+            for key in ["ArrowRight", "."]:
+                names.append(page.run("slf.root.getElementById('picture').ariaLabel"))
+                self.press(page, key)
+                page.settle()
+            names.append(page.run("slf.root.querySelector('[aria-live]#seen').textContent"))
+            self.assertEqual(names, [
+                f"cube.raw, seen from azimuth {a}°, elevation 20°, 3 radii away; state {state}"
+                for a, state in [(30, "whole"), (36, "whole"), (36, "top off")]])
+            page.close()
+
     def test_the_scale_bar_and_the_compass_are_beside_the_views(self):
         with self.explained({"views": [{"title": "A view", "orbit": [30, 10, 2.5]}]}) as server:
             for width in (390, 650, 900, 1100):
@@ -1304,7 +1518,7 @@ class PageTest(unittest.TestCase):
 
     def test_wrong_views_are_refused(self):
         for content, place in [
-                ('{"views": [{"title": "a", "orbit": [0, 0, 0.5]}]}', "views[0].orbit: expected"),
+                ('{"views": [{"title": "a", "orbit": [0, 0, 0]}]}', "views[0].orbit: expected"),
                 ('{"views": [],\n "notes": [}', "line 2: this is no JSON"),
                 ('{"notes": [{"label": "a", "point": [1, 2]}]}', "notes[0].point: expected three"),
                 ('{"notes": [{"label": "a", "at": 1}]}', 'no member "at" is known'),
@@ -1440,6 +1654,187 @@ globalThis.right = document.getElementById('a') instanceof SlfField;""")
                 self.assertIsNone(page.run("document.getElementById('a').pick(1, 1)"))
                 self.assertNotIn("errora", page.run("heard"))
                 page.close()
+
+    def embedded(self, host, body, width=600, height=600):
+        """A page of one's own beside the field of site(), once its script has run."""
+        with open(os.path.join(host.folder, "own.html"), "w") as file:
+            file.write(f"""<!doctype html><title>Own</title><script src="page.js" defer></script>
+<style>body {{ margin: 0 }} slf-field {{ width: 240px; height: 160px }}</style>{body}""")
+        page = self.browser.open("about:blank", width, height)
+        page.call("Page.addScriptToEvaluateOnNewDocument", source="""globalThis.wrong = [];
+          addEventListener('unhandledrejection', ({reason}) => wrong.push(String(reason)));
+          addEventListener('error', ({message}) => message && wrong.push(message));
+          globalThis.workers = 0;
+          globalThis.Worker = class extends Worker {
+            constructor(...given) { super(...given); ++workers; }
+            terminate() { super.terminate(); --workers; }
+          };
+          globalThis.one = () => document.querySelector('slf-field');
+          globalThis.now = (id) => one().shadowRoot.getElementById(id);""")
+        page.call("Page.navigate", url=host.url + "/own.html")
+        page.wait("globalThis.customElements?.get('slf-field')")
+        return page
+
+    def settled(self, page):
+        page.wait("one().viewer.state === 'settled'")
+
+    def test_many_mounts_leave_what_ten_leave(self):
+        """Workers, listeners, nodes and memory; some elements are removed while they load.
+        SLF_MOUNTS=1000 mounts so many; otherwise as many as 20 seconds allow."""
+        mounts = int(os.environ.get("SLF_MOUNTS", 0))
+        with Host(self.site()) as host:
+            page = self.embedded(host, "")
+            page.call("Performance.enable")
+            page.run("""globalThis.mount = async (i) => {
+              const element = document.createElement('slf-field');
+              element.src = 'field.slf';
+              element.addEventListener('error', ({detail}) => wrong.push(detail.message));
+              document.body.append(element);
+              const ready = new Promise((done) => element.addEventListener('ready', done));
+              await (i % 3 ? ready : new Promise((done) => setTimeout(done, i % 100)));
+              if (i % 5 === 0) document.body.prepend(element);
+              element.remove();
+            }; 0""")
+
+            def mount(begin):
+                page.run(f"(async () => {{ for (let i = {begin}; i < {begin + 10}; ++i) "
+                         "await mount(i); })()", 120)
+
+            def left():
+                time.sleep(0.5)
+                page.call("HeapProfiler.collectGarbage")
+                counts = {one["name"]: one["value"]
+                          for one in page.call("Performance.getMetrics")["metrics"]}
+                return page.run("workers"), *(counts[name] for name in [
+                    "JSEventListeners", "Nodes", "JSHeapUsedSize"])
+
+            mount(0)
+            ten, count, until = left(), 10, time.monotonic() + 20
+            while count < mounts or (not mounts and time.monotonic() < until):
+                mount(count)
+                count += 10
+            many = left()
+            print(f"10 mounts leave {ten}, {count} leave {many}: workers, listeners, nodes, bytes",
+                  flush=True)
+            self.assertEqual((ten[0], many[0]), (0, 0))
+            self.assertLessEqual(many[1], ten[1] + 2)
+            self.assertLessEqual(many[2], ten[2] + 20)
+            self.assertLess(many[3], ten[3] + (1 << 20))
+            self.assertEqual(page.run("wrong"), [])
+            page.close()
+
+    def test_an_element_that_is_moved_stays_as_it_is(self):
+        with Host(self.site()) as host:
+            page = self.embedded(host, "<main></main><slf-field src='field.slf'></slf-field>")
+            self.settled(page)
+            page.run("one().view = '100,5,2.5', 0")
+            self.settled(page)
+            requests = len(host.log)
+            page.run("globalThis.canvas = now('picture'), "
+                     "document.querySelector('main').append(one())")
+            self.assertEqual(page.run("[one().view, canvas === now('picture'), workers > 0]"),
+                             ["100,5,2.5", True, True])
+            self.assertEqual(len(host.log), requests)
+            for how in ["display = 'none'", "width = 0", "height = 0"]:
+                page.run(f"one().style.{how}, one().viewer.moved(), 0")
+                time.sleep(0.3)
+                page.run("one().style = '', 0")
+            self.settled(page)
+            # Removed, it frees all; it may come back, with its view.
+            page.run("(globalThis.kept = one()).remove()")
+            page.wait("workers === 0")
+            page.run("kept.view = '50,5,2'; kept.structures = ['*']; kept.state = 0;"
+                     "kept.flyTo('55,5,2'); kept.pick(9, 9)")
+            page.run("document.body.append(kept)")
+            self.settled(page)
+            self.assertEqual(page.run("[one().view, workers > 0, wrong]"), ["55,5,2", True, []])
+            page.close()
+
+    def test_an_element_follows_its_attributes_and_properties(self):
+        with Host(self.site()) as host:
+            for name, field in [("parts", self.structured()), ("half", self.stated())]:
+                shutil.copy(field, os.path.join(host.folder, name + ".slf"))
+            page = self.embedded(host, "<slf-field src='field.slf' view='60,10,3'></slf-field>")
+            self.settled(page)
+            self.assertEqual(page.run("one().view"), "60,10,3")
+            for change in ["one().setAttribute('view', '10,0,2.5')", "one().view = '20,0,2.5'"]:
+                page.run(change + ", 0")
+                self.assertEqual(page.run("one().view"), change.split("'")[-2])
+                self.settled(page)
+            page.run("one().src = 'parts.slf', 0")
+            self.settled(page)
+            self.assertEqual(page.run("one().view"), "10,0,2.5")
+            self.assertEqual(page.run("one().viewer.field.layers.length"), 4)
+            page.run("one().setAttribute('structures', 'core'), 0")
+            page.wait("one().viewer.field.layers.length === 1")
+            page.run("one().structures = ['* lobe'], 0")
+            page.wait("one().viewer.field.layers.length === 2")
+            page.run("one().setAttribute('src', 'half.slf'), 0")
+            self.settled(page)
+            for change, state in [("setAttribute('state', 'half')", 2), ("state = 'top off'", 1),
+                                  ("state = 2", 2), ("removeAttribute('state')", 0)]:
+                page.run(f"one().{change}, 0")
+                self.assertEqual(page.run("one().viewer.field.state"), state)
+                self.settled(page)
+            # Properties that were set before the element was known, and while it loads.
+            page.run("one().src = 'field.slf', one().view = '30,0,4', 0")
+            self.settled(page)
+            self.assertEqual(page.run("[one().view, workers <= 4, wrong]"), ["30,0,4", True, []])
+            page.close()
+
+    def test_wheel_and_keys_that_do_nothing_are_the_pages(self):
+        with Host(self.site()) as host:
+            page = self.embedded(host, "<slf-field src='field.slf'></slf-field>"
+                                       "<div style='height: 3000px'></div>")
+            self.settled(page)
+            page.run("now('picture').focus(), one().view = '30,20,19', 0")
+            for by, scrolls in [(300, False), (100, True)]:
+                page.call("Input.dispatchMouseEvent", type="mouseWheel", x=120, y=80, deltaX=0,
+                          deltaY=by)
+                time.sleep(0.3)
+                self.assertEqual(page.run("scrollY > 0"), scrolls)
+            page.run("scrollTo(0, 0)")
+            self.assertEqual(page.run("one().viewer.camera.distance"), 20)
+            prevented = """((key) => !now('picture').dispatchEvent(new KeyboardEvent('keydown',
+              {key, bubbles: true, composed: true, cancelable: true})))"""
+            for key, taken in [("PageDown", False), ("PageUp", False), ("x", False),
+                               ("ArrowUp", True), ("+", True), ("r", True)]:
+                self.assertEqual(page.run(f"{prevented}('{key}')"), taken, key)
+            page.close()
+
+    def test_an_element_says_what_is_wrong(self):
+        with Host(self.site()) as host, Host(self.site()) as foreign:  # without CORS
+            page = self.embedded(host, "<slf-field></slf-field>")
+            page.wait("one().viewer?.state === 'failed'", 20)
+            self.assertIn("needs an attribute src", page.run("one().viewer.message"))
+            page.run(f"one().src = '{foreign.url}/field.slf', 0")
+            page.wait("one().viewer?.state === 'failed'", 15)
+            self.assertIn("(CORS)", page.run("one().viewer.message"))
+            # The whole message can be read in an element of the smallest size.
+            page.run("one().style.height = '120px', 0")
+            box, outer, whole = page.run("""[now('status'), one()].map((it) =>
+                (({left, top, right, bottom}) => [left, top, right, bottom])(
+                  it.getBoundingClientRect())).concat([now('status').scrollHeight <=
+                  now('status').clientHeight ||
+                  getComputedStyle(now('status')).overflowY === 'auto'])""")
+            self.assertTrue(whole)
+            self.assertTrue(box[0] >= outer[0] and box[1] >= outer[1] and box[2] <= outer[2] and
+                            box[3] <= outer[3], (box, outer))
+            page.close()
+
+    def test_node_imports_the_package(self):
+        if not shutil.which("node"):
+            self.skipTest("no node")
+        folder = path("node")
+        shutil.rmtree(folder, ignore_errors=True)
+        subprocess.run([os.path.join(ROOT, "scripts/npm-package"), SLF, folder], check=True)
+        package, = os.listdir(folder)
+        subprocess.run(["tar", "-C", folder, "-xzf", os.path.join(folder, package)], check=True)
+        done = subprocess.run(["node", "--input-type=module", "-e",
+                               "import {SlfField} from './package/slf-field.js';"
+                               "console.log(SlfField);"], cwd=folder, capture_output=True,
+                              text=True)
+        self.assertEqual((done.stdout, done.stderr), ("undefined\n", ""))
 
     def test_an_exported_page_has_a_poster_and_needs_no_inline_script(self):
         folder = self.site()

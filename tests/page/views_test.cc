@@ -54,6 +54,12 @@ TEST(Views, ErrorsNameThePlaceAndWhatIsExpected) {
   EXPECT_THAT(error_of(R"({"views": [{"title": "a", "orbit": [0, 91, 3]}]})"),
               HasSubstr("views[0].orbit: expected [azimuth"));
   EXPECT_THAT(error_of(R"({"views": [{"title": "a"}]})"), HasSubstr("views[0].orbit"));
+  const auto at = [](const std::string& distance) {  // distances are those of --orbit
+    return error_of(R"({"views": [{"title": "a", "orbit": [0, 0, )" + distance + "]}]}");
+  };
+  for (const char* distance : {"0", "-1", "1.1e6"})
+    EXPECT_THAT(at(distance), HasSubstr("above 0, at most 1e6"));
+  for (const char* distance : {"0.01", "1e6"}) EXPECT_EQ(at(distance), "");
   EXPECT_THAT(error_of(R"({"notes": [{"label": "a", "point": [1, 2, null]}]})"),
               HasSubstr("notes[0].point: expected three numbers"));
 }
