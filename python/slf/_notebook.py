@@ -40,27 +40,30 @@ def png(picture: np.ndarray) -> bytes:
             chunk(b"IDAT", zlib.compress(rows.tobytes(), 6)) + chunk(b"IEND", b""))
 
 
-def _figure(field: Field, said: str, frame: str = "hidden", **shown: Any) -> str:
+def _figure(field: Field, said: str, frame: str = "", **shown: Any) -> str:
     """A picture of a field. The frame is over it once the page inside says that it runs: after the
     kernel's end, in a file of nbconvert, or in a notebook that is not trusted, it may not."""
     picture = base64.b64encode(png(field.thumbnail(480, **shown)[..., :3])).decode()
     name, over = f"slf-{uuid.uuid4().hex}", "position:absolute;inset:0;width:100%;height:100%"
+    inner = frame and (f"<iframe {frame} loading='lazy' allowfullscreen "
+                       f"style='{over};border:0;opacity:0;pointer-events:none'></iframe>")
     return f"""<script>addEventListener('message', ({{data, source}}) => {{
   const frame = document.querySelector('#{name} iframe');
   if (data === 'slf-field' && frame?.contentWindow === source)
     Object.assign(frame.style, {{opacity: 1, pointerEvents: 'auto'}});
 }});</script><div id='{name}' style='position:relative;background:#000;text-align:center'>
 <img alt='{html.escape(field.path)}' height='540' src='data:image/png;base64,{picture}'>
-<iframe {frame} style='{over};border:0;opacity:0;pointer-events:none' loading='lazy'
-allowfullscreen></iframe></div><p>{said}</p>"""
+{inner}</div><p>{said}</p>"""
+
+
+def _linked(url: str) -> str:
+    url = html.escape(url, quote=True)
+    return f"<a href='{url}' target='_blank'>{url}</a>"
 
 
 def _served(field: Field, url: str, **shown: Any) -> str:
-    url = html.escape(url, quote=True)
-    return _figure(field, f"<a href='{url}' target='_blank'>{url}</a> is there until the "
-                   "kernel ends or the field is closed. If this is only a picture, run the cell "
-                   "again to turn it.",
-                   f"src='{url}'", **shown)
+    return _figure(field, _linked(url) + "<br>If this is only a picture, run the cell again to "
+                   "turn it.", f"src='{html.escape(url, quote=True)}'", **shown)
 
 
 def server_base() -> str | None:
@@ -140,9 +143,10 @@ class View:
         field = self._field
         first = {name: self._shown[name] for name in ("state", "structures")}
         url = _reachable(self.url)
-        if field.file_bytes > (_MAX_EMBEDDED if url is None else _SMALL):
-            if url:
-                return _served(field, url, **first)
+        largest = min(_SMALL, _MAX_EMBEDDED) if url else _MAX_EMBEDDED
+        if url and ("://" not in self.url or field.file_bytes > largest):
+            return _served(field, url, **first)
+        if field.file_bytes > largest:
             return _figure(field, "The browser cannot reach the page of this field, which is on "
                            "the machine of the notebook, and the field is too large to embed. "
                            "Install jupyter-server-proxy there, or "
@@ -152,5 +156,6 @@ class View:
             page = pathlib.Path(folder, "page.html")
             field.show(page, **self._shown)
             text = html.escape(page.read_text("utf-8"))
-        return _figure(field, "The notebook has the whole field. If this is only a picture, trust "
-                       "the notebook to turn it.", f"srcdoc='{text}'", **first)
+        link = _linked(url) + "<br>" if url else ""
+        return _figure(field, link + "The notebook has the whole field. If this is only a picture, "
+                       "trust the notebook to turn it.", f"srcdoc='{text}'", **first)
