@@ -1,6 +1,7 @@
 // Texts of several parts, for messages and notes. Internal.
 #pragma once
 
+#include <algorithm>
 #include <functional>
 #include <sstream>
 #include <string>
@@ -27,6 +28,27 @@ template <class Range, class ToText = std::identity>
     before = separator;
   }
   return std::move(text).str();
+}
+
+/// The text in lines of at most `width` columns. The first begins at `column`, the others with
+/// `indent`.
+[[nodiscard]] inline std::string filled(std::string_view text, std::size_t width,
+                                        std::size_t column = 0, std::string_view indent = "") {
+  std::string out;
+  for (std::size_t at = 0; at < text.size();) {
+    const std::size_t end = std::min(text.find(' ', at), text.size());
+    if (!out.empty() && column + 1 + end - at > width) {
+      out.append("\n").append(indent);
+      column = indent.size();
+    } else if (!out.empty()) {
+      out += ' ';
+      ++column;
+    }
+    out += text.substr(at, end - at);
+    column += end - at;
+    at = end + 1;
+  }
+  return out;
 }
 
 }  // namespace slf

@@ -3,7 +3,7 @@
 #include <cmath>
 #include <sstream>
 
-#include "base/ascii.h"
+#include "base/byte_count.h"
 #include "base/file.h"
 #include "cli/command.h"
 
@@ -23,31 +23,10 @@ CLI::Validator number(const std::function<bool(double)>& holds, const std::strin
 
 /// Replaces "64MiB" or "1.5g" by a number of bytes. Returns an error message, or nothing.
 std::string to_bytes(std::string& text) {
-  std::string expected = text + ": expected a number of bytes, or one as 64MiB or 1.5GiB";
-  std::istringstream in(text);
-  double number = 0;
-  std::string unit, more;
-  if (!(in >> number)) return expected;
-  if (in >> unit; in >> more) return expected;
-  unit = lower_case(unit);
-  const std::size_t power = unit.empty() ? 0 : std::string_view("bkmgt").find(unit[0]);
-  if (power == std::string_view::npos) return expected;
-  const std::string rest = unit.empty() ? "" : unit.substr(1);
-  if (!rest.empty() && (power == 0 || (rest != "b" && rest != "ib"))) return expected;
-  const double bytes = std::ldexp(number, static_cast<int>(10 * power));
-  if (!(bytes >= 0 && bytes < 0x1p63)) return expected;
-  text = std::to_string(static_cast<std::uint64_t>(bytes));
+  const auto bytes = parse_byte_count(text);
+  if (!bytes) return text + ": expected a number of bytes, or one as 64MiB or 1.5GiB";
+  text = std::to_string(*bytes);
   return "";
-}
-
-/// "X,Y,Z,NX,NY,NZ".
-struct Clip : ClipPlane {};
-std::istream& operator>>(std::istream& in, Clip& clip) {
-  for (int k = 0; k < 6; ++k) {
-    if (k > 0 && in.get() != ',') in.setstate(std::ios::failbit);
-    in >> (k < 3 ? clip.point[k] : clip.normal[k - 3]);
-  }
-  return in;
 }
 
 /// Accepts what >> reads as a T. CLI11 itself says no more than that it cannot convert.
@@ -87,7 +66,7 @@ const Choices<RenderMode> kRenderModes{{"nearest", RenderMode::nearest},
 CLI::Option* add_bytes(CLI::App& command, const std::string& name, std::uint64_t& bytes,
                        const std::string& help) {
   const std::uint64_t mebibytes = bytes >> 20;
-  return command.add_option(name, bytes, help + ", in bytes or as 64MiB, 2GiB")
+  return command.add_option(name, bytes, help + kBytesHelp)
       ->transform(CLI::Validator(to_bytes, ""))
       ->type_name("SIZE")
       ->default_str(fmt::format("{}MiB", mebibytes));
@@ -113,19 +92,6 @@ CLI::Option* add_vector(CLI::App& command, const std::string& name, std::vector<
 
 glm::dvec3 to_vector(const std::vector<double>& numbers) {
   return {numbers[0], numbers[1], numbers[2]};
-}
-
-CLI::Option* add_clip(CLI::App& command, std::vector<ClipPlane>& clip) {
-  return command
-      .add_option_function<std::vector<Clip>>(
-          "--clip",
-          [&clip](const std::vector<Clip>& planes) { clip.assign(planes.begin(), planes.end()); },
-          "Remove what lies beyond a plane (world): on the side of X,Y,Z that the normal\n"
-          "points to; may be repeated")
-      ->expected(1, 64)
-      ->allow_extra_args(false)
-      ->check(reads<Clip>("a point and a normal, as 0,0,40,0,0,1"))
-      ->type_name("X,Y,Z,NX,NY,NZ");
 }
 
 std::istream& operator>>(std::istream& in, PixelSize& size) {
@@ -216,18 +182,6 @@ Result<void> with_force(Result<void> checked) {
 Result<void> refuse_overwrite(const std::string& path, bool force,
                               const std::vector<std::string>& inputs) {
   return with_force(check_output(path, inputs, force ? Existing::replace : Existing::keep));
-}
-
-void add_tone(CLI::App& command, ToneMapping& tone, const char* heading) {
-  const OptionGroup group(command, heading);
-  add_number(command, "--exposure", tone.exposure,
-             "Exposure of shadowed or global light, in photographic stops", from_to(-20, 20));
-  choose(command.add_option("--tonemap", tone.curve,
-                            "Tone curve from radiance to colours: neutral compresses highlights, "
-                            "srgb clips\nthem, none keeps linear radiance"),
-         Choices<ToneCurve>{
-             {"neutral", ToneCurve::neutral}, {"srgb", ToneCurve::srgb}, {"none", ToneCurve::none}})
-      ->default_str("neutral");
 }
 
 CLI::Option* add_orbit(CLI::App& command, std::vector<double>& orbit, const std::string& help) {

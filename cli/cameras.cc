@@ -36,7 +36,7 @@ Result<Sphere> sphere_of(
     return field.shape().sphere;
   }
   SourceArguments source = a.source;
-  source.finish(0, OnSignal::end);
+  SLF_TRY(source.finish(0, OnSignal::end));
   source.check = check;
   const auto scene = SLF_TRY(hinted(make_scene(source)));
   return scene->bounds();
@@ -67,7 +67,10 @@ void add_cameras(CLI::App& app, Run& run) {
   const auto [command, a] = add_command(
       app, run, "cameras",
       "Cameras around an object, as transforms.json, for any renderer to fill in", run_cameras);
-  a->source.add_volume_to(*command, "INPUT");
+  a->source.add_input_to(*command, "INPUT");
+  a->source.add_to(*command, [](const recipe::Option& option) {
+    return option.use == recipe::Use::reading || option.use == recipe::Use::data;
+  });
   command->get_option("INPUT")->required(false)->description(
       "Field, volume or mesh to surround with cameras; or --sphere");
   of_numbers(command->add_option("--sphere", a->sphere, "Centre and radius, in world units"), 4)

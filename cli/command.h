@@ -23,7 +23,8 @@
 #include "slf/field.h"
 #include "slf/render.h"
 #include "slf/repack.h"
-#include "slf/scene_description.h"
+#include "slf/recipe.h"
+#include "source/recipe/options.h"
 
 namespace slf::cli {
 
@@ -185,6 +186,8 @@ inline constexpr const char* kAnyFile = "FILE";
 inline constexpr const char* kFolder = "DIR";
 inline constexpr const char* kCodec = "CODEC";
 inline constexpr const char* kVector = "X,Y,Z";
+/// What --help says of a number of bytes.
+inline constexpr const char* kBytesHelp = ", in bytes or as 64MiB, 2GiB";
 
 /// Names, and the values that they stand for.
 template <class T>
@@ -262,9 +265,6 @@ CLI::Option* add_vector(CLI::App& command, const std::string& name, std::vector<
                         const std::string& help);
 [[nodiscard]] glm::dvec3 to_vector(const std::vector<double>& numbers);
 
-/// Adds --clip.
-CLI::Option* add_clip(CLI::App& command, std::vector<ClipPlane>& clip);
-
 /// "512x384", or "512" for a square.
 struct PixelSize {
   std::uint32_t width = 0, height = 0;
@@ -307,35 +307,22 @@ inline const std::string kVolumeHelp =
     "Volume: " + volume_format_names() +
     " (also\nin gzip, bzip2, xz or zstd), a DICOM folder or one of its files, a folder of\n"
     "PNGs, JPEGs or TIFFs, or raw with --dims";
-inline constexpr const char* kVolumeGroup = "Volume";
 inline constexpr const char* kMeshHelp = "Mesh: .glb, .gltf, .obj, .ply, .stl";
-/// The transfer functions.
-inline constexpr const char* kTransferHelp =
-    "Transfer function: a built-in name (see `slf transfer`), or a file of ParaView,\n"
-    "3D Slicer or MRIcroGL; FILE#NAME for one of several";
 
-/// The options of a scene, which write to its description.
-struct SourceArguments : SceneDescription {
+/// The options of a recipe, which write to it.
+struct SourceArguments : Recipe {
+  std::string states_file;
+
   SourceArguments();
 
-  /// Adds the volume, as an option or positional `name`, and the options of its transfer function
-  /// and voxels.
-  void add_volume_to(CLI::App& command, const char* name);
-  /// Adds only the options that state how to read voxels.
-  void add_raw_to(CLI::App& command);
-  /// Adds the options of scenes made of pictures.
-  void add_pictures_to(CLI::App& command);
-  void add_mesh_to(CLI::App& command);
-  /// Adds the options of step, light and shading.
-  void add_light_to(CLI::App& command);
-  void add_environment_to(CLI::App& command);
-  void add_light_file_to(CLI::App& command);
-  void add_reference_to(CLI::App& command);
-  /// Sets what does not follow from single options: what longer work needs.
-  void finish(unsigned threads, OnSignal on_signal);
-
- private:
-  RawLayout raw;  // its dims are 0 if --dims is not given
+  /// Adds the input, as an option or positional `name`.
+  void add_input_to(CLI::App& command, const char* name);
+  /// Adds the options of the table that are `wanted`.
+  void add_to(CLI::App& command, const std::function<bool(const recipe::Option&)>& wanted);
+  /// Adds --states.
+  void add_states_to(CLI::App& command);
+  /// Reads the recipe that the input names, and the states, and sets what longer work needs.
+  [[nodiscard]] Result<void> finish(unsigned threads, OnSignal on_signal);
 };
 
 /// Makes `work` with its arguments what the command runs. Returns the command, and the arguments,
@@ -350,7 +337,7 @@ std::pair<CLI::App*, std::shared_ptr<Arguments>> add_command(
   return {command, std::move(arguments)};
 }
 
-/// "see --mask" and the like, for the member of SceneDescription or BuildOptions of this name.
+/// "see --mask" and the like, for the member of Recipe or BuildOptions of this name.
 [[nodiscard]] std::string hint_of(std::string_view choice);
 /// The value, or the error with a hint at the option that settles it.
 template <class T>
@@ -360,13 +347,6 @@ Result<T> hinted(Result<T> result) {
     return with_hint(result.error(), hint_of(result.error().choice));
   return result;
 }
-
-/// The states that a JSON file lists (schemas/states.json): scenes with the `common` options, but
-/// for those of each state. Messages name the file and the state.
-[[nodiscard]] Result<std::vector<NamedScene>> make_states(const std::string& file,
-                                                          const SourceArguments& common);
-/// For build_field(). They must not outlive the scenes.
-[[nodiscard]] std::vector<FieldState> field_states(const std::vector<NamedScene>& scenes);
 
 /// The options that choose the part of a field to build.
 struct ShardArguments {
@@ -381,9 +361,6 @@ struct ShardArguments {
 };
 /// The path with {K} and {N} replaced by the shard's numbers; K has as many digits as N.
 [[nodiscard]] std::string name_of_part(std::string path, const ShardOptions& shard);
-
-/// --exposure and --tonemap.
-void add_tone(CLI::App& command, ToneMapping& tone, const char* heading);
 
 /// The options of the camera and the size of the picture.
 struct CameraArguments {

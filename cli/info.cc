@@ -14,8 +14,42 @@ namespace {
 struct InfoArguments {
   SourceArguments source;
   std::string state;  // of a field; empty: all
-  bool json = false;
+  bool json = false, recipe = false;
 };
+
+/// What slf build makes the field of, but for files that are not named.
+nlohmann::json recipe_json(const Field& field) {
+  const FieldShape& shape = field.shape();
+  const auto recipe_of = [](const Field& one) {
+    return nlohmann::json::parse(one.provenance()).value("recipe", nlohmann::json::object());
+  };
+  const auto states = field.states();
+  const Field first = states.empty() ? field : *field.in_state(0);
+  nlohmann::json recipe = recipe_of(first);
+  recipe.update({{"entry", shape.entry_side},
+                 {"exit", shape.exit_side},
+                 {"finest_level", shape.levels},
+                 {"entry_extra_levels", shape.entry_extra_levels},
+                 {"codec", field.codec()},
+                 {"depth", field.has_depth()},
+                 {"color_type", is_half(field.format()) ? "half" : "u8"}});
+  if (recipe.contains("each_label") || recipe.contains("each_time")) return recipe;
+  for (std::size_t k = 0; k < states.size(); ++k) {
+    nlohmann::json own = recipe_of(*field.in_state(static_cast<unsigned>(k))), state;
+    for (const auto& [option, value] : recipe_of(first).items())
+      if (!own.contains(option)) state[option] = nullptr;
+    for (const auto& [option, value] : own.items())
+      if (recipe.value(option, nlohmann::json()) != value) state[option] = value;
+    state["name"] = states[k];
+    if (own.value("time", nlohmann::json()) == "all") {  // "NAME 0" stands for all times
+      const std::size_t space = states[k].rfind(' ');
+      if (states[k].substr(space + 1) != "0") continue;
+      state["name"] = states[k].substr(0, space);
+    }
+    recipe["states"].push_back(state);
+  }
+  return recipe;
+}
 
 nlohmann::json vec3_json(const glm::dvec3& v) { return {v.x, v.y, v.z}; }
 
@@ -273,7 +307,7 @@ SeriesList series_of(const std::string& path) {
 
 Result<void> run_info(const InfoArguments& arguments) {
   SourceArguments source = arguments.source;
-  source.finish(0, OnSignal::end);
+  SLF_TRY(source.finish(0, OnSignal::end));
   const std::string& input = source.input;
   if (source.is_pictures()) return print_pictures(source, arguments.json);
   if (!is_field(input)) {
@@ -305,6 +339,10 @@ Result<void> run_info(const InfoArguments& arguments) {
     return {};
   }
   const auto field = SLF_TRY(open_field(input, arguments.state));
+  if (arguments.recipe) {
+    print_json(recipe_json(field));
+    return {};
+  }
   const auto whole = SLF_TRY(FieldFile::open(field.file().store(), FieldFile::kAllStates));
   const auto content = SLF_TRY(arguments.state.empty() ? whole->content() : field.content());
   if (arguments.json)
@@ -326,9 +364,11 @@ void add_info(CLI::App& app, Run& run) {
                kVolumeHelp + "\n" + kMeshHelp)
       ->required();
   add_state(*command, "--state", a->state, "Of a field: count the tiles of this state only");
-  a->source.add_raw_to(*command);
-  a->source.add_mesh_to(*command);
+  a->source.add_to(*command, [](const auto& o) { return o.use == recipe::Use::reading; });
   command->add_flag("--json", a->json, "JSON on stdout");
+  command->add_flag("--recipe", a->recipe,
+                    "Of a field: the recipe that `slf build` makes it of, as JSON; files by their\n"
+                    "names alone");
 }
 
 }  // namespace slf::cli

@@ -212,8 +212,8 @@ Result<void> run_evaluate(const EvaluateArguments& a) {
   const auto cameras = a.views.cameras(field.shape().sphere, a.distance, a.size);
   const auto view = SLF_TRY(a.draw.view(field, cameras.front()));
   SourceArguments source = a.source;
-  source.finish(a.draw.threads, OnSignal::end);
   source.truth_of = field.provenance();
+  SLF_TRY(source.finish(a.draw.threads, OnSignal::end));
   const auto scene = SLF_TRY(hinted(make_scene(source)));
   if (const auto light = field.light(); !light)
     note(light.error().message + "; computing the light again");
@@ -299,18 +299,19 @@ void add_evaluate(CLI::App& app, Run& run) {
       "Quality: PSNR and SSIM of views against the ray-cast truth, or against pictures");
   auto a = std::make_shared<EvaluateArguments>();
   a->field.add_to(*command, "Field to evaluate");
-  a->source.add_volume_to(*command, "--volume");
+  a->source.add_input_to(*command, "--volume");
   command->get_option("--volume")->required(false);
   add_file(*command, "--pictures", a->pictures,
            "Compare with pictures instead of a volume: transforms.json or a folder, as for\n"
            "`slf build pictures:FOLDER`; of the field's own, with those that --holdout left out")
       ->excludes("--volume");
+  a->source.add_to(*command, [](const recipe::Option& option) {
+    using recipe::Use;
+    return option.use == Use::reading || option.use == Use::data || option.use == Use::truth;
+  });
   command->get_option("--transfer")
       ->description(
           "Transfer function, ParaView preset JSON; default: what the field was built with");
-  a->source.add_environment_to(*command);
-  a->source.add_light_file_to(*command);
-  a->source.add_reference_to(*command);
   command->get_option("--reference")
       ->description(
           "Compare with path tracing, which is unbiased, and slow: minutes; with 2 views\n"

@@ -22,7 +22,7 @@ Result<void> run_pictures(const PicturesArguments& a) {
   if (a.center.empty() != (a.radius == 0))
     return fail(ErrorCode::usage, "--center and --radius: expected both, or none");
   if (a.radius != 0) source.pictures.sphere = Sphere{to_vector(a.center), a.radius};
-  source.finish(a.threads, OnSignal::end);
+  SLF_TRY(source.finish(a.threads, OnSignal::end));
   auto set = SLF_TRY(read_pictures(source));
   SLF_TRY(refuse_overwrite(a.output, a.force, set.files()));
   const auto options = picture_options(source, set);
@@ -60,7 +60,7 @@ void add_pictures(CLI::App& app, Run& run) {
              from_to(16, 512));
   add_vector(*command, "--center", a->center, "Centre of the sphere; default: found");
   add_number(*command, "--radius", a->radius, "Radius of the sphere; default: found", kLength);
-  a->source.add_pictures_to(*command);
+  a->source.add_to(*command, [](const auto& o) { return o.kinds == recipe::kPictures; });
   add_threads(*command, a->threads);
 }
 

@@ -7,6 +7,7 @@
 #include <set>
 
 #include "base/file.h"
+#include "base/join.h"
 #include "base/try.h"
 #include "cli/command.h"
 #include "slf/image.h"
@@ -57,8 +58,7 @@ struct RenderArguments {
   PictureOutput picture;
   CameraArguments camera;
   DrawArguments draw;
-  ToneMapping tone;
-  bool tone_given = false;
+  SourceArguments shown;  // of which the tone counts
   bool stats = false, json = false;
 };
 
@@ -109,7 +109,8 @@ Result<void> run_render(const RenderArguments& a) {
   ViewStatistics statistics;
   auto image = SLF_TRY(renderer.render(camera, view, &statistics));
   SLF_TRY(check_drawn(field, statistics));
-  const auto tone = a.tone_given ? std::optional(a.tone) : std::nullopt;
+  const auto tone =
+      a.shown.stated.empty() ? std::nullopt : std::optional(a.shown.raycast.lighting.tone);
   SLF_TRY(hinted(map_tones(field, tone, /*display=*/!a.picture.is_exr(), image)));
   SLF_TRY(a.picture.write(image));
   if (statistics.fallback_pixels() > 0)
@@ -135,7 +136,7 @@ struct RaycastArguments {
   PictureOutput picture;
   CameraArguments camera;
   std::string cameras;        // empty: one picture, by `camera`
-  std::string states, state;  // a file of states, and which of them; empty: none
+  std::string state;    // of several, the one to draw
   unsigned threads = 0;
 };
 
@@ -144,15 +145,16 @@ struct RaycastScene {
   Sphere sphere;  // of a field of it, or of all states
 };
 Result<RaycastScene> scene_of(const RaycastArguments& a, const SourceArguments& source) {
-  if (a.states.empty()) {
-    const std::shared_ptr<const Scene> scene = SLF_TRY(hinted(make_scene(source)));
-    return RaycastScene{scene, scene->bounds()};
-  }
-  const auto made = SLF_TRY(make_states(a.states, source));
+  const auto made = SLF_TRY(hinted(make_scenes(source)));
+  if (made.size() == 1 && a.state.empty())
+    return RaycastScene{made.front().scene, made.front().scene->bounds()};
   auto found = std::ranges::find(made, a.state, &NamedScene::name);
   for (std::size_t k = 0; found == made.end() && k < made.size(); ++k)
     if (std::to_string(k) == a.state) found = made.begin() + static_cast<std::ptrdiff_t>(k);
-  if (found == made.end()) return misuse(a.states, "has no state '", a.state, "'");
+  if (found == made.end())
+    return misuse(a.source.states_file.empty() ? a.source.input : a.source.states_file,
+                  a.state.empty() ? "has several states: choose one by --state"
+                                  : concat("has no state '", a.state, "'"));
   return RaycastScene{found->scene, bounds_of(field_states(made))};
 }
 
@@ -181,7 +183,7 @@ Result<void> raycast_cameras(const RaycastArguments& a) {
   const std::filesystem::path folder = a.picture.output;
   const std::string list = (folder / "transforms.json").string();
   SourceArguments source = a.source;
-  source.finish(a.threads, OnSignal::end);
+  SLF_TRY(source.finish(a.threads, OnSignal::end));
   source.check = [&](std::vector<std::string> inputs) -> Result<void> {
     inputs.push_back(a.cameras);
     SLF_TRY(refuse_overwrite(list, a.picture.force, inputs));
@@ -207,7 +209,7 @@ Result<void> raycast_cameras(const RaycastArguments& a) {
 Result<void> run_raycast(const RaycastArguments& a) {
   if (!a.cameras.empty()) return raycast_cameras(a);
   SourceArguments source = a.source;
-  source.finish(a.threads, OnSignal::end);
+  SLF_TRY(source.finish(a.threads, OnSignal::end));
   source.check = [&](const std::vector<std::string>& inputs) { return a.picture.check(inputs); };
   source.raycast.lighting.linear = a.picture.is_exr();
   const auto [scene, sphere] = SLF_TRY(scene_of(a, source));
@@ -220,40 +222,33 @@ Result<void> run_raycast(const RaycastArguments& a) {
 }  // namespace
 
 void add_render(CLI::App& app, Run& run) {
-  auto* command = app.add_subcommand("render", "Draw a view of a field");
-  auto a = std::make_shared<RenderArguments>();
+  const auto [command, a] = add_command(app, run, "render", "Draw a view of a field", run_render);
   a->field.add_to(*command, "Field to draw");
   a->picture.add_to(*command);
   a->camera.add_to(*command);
   a->draw.add_to(*command);
   command->add_flag("--stats", a->stats, "Print the cost of the view: tiles, bytes, pages, memory");
   command->add_flag("--json", a->json, "The same as JSON");
-  add_tone(*command, a->tone, "Drawing");
-  command->callback([a, command, &run] {
-    a->tone_given = command->count("--exposure") + command->count("--tonemap") > 0;
-    run = [a] { return run_render(*a); };
+  a->shown.add_to(*command, [](const recipe::Option& option) {
+    return option.name == std::string_view("exposure") ||
+           option.name == std::string_view("tonemap");
   });
 }
 
 void add_raycast(CLI::App& app, Run& run) {
   const auto [command, a] = add_command(
       app, run, "raycast", "Draw the same view straight from the volume: the truth", run_raycast);
-  a->source.add_volume_to(*command, "INPUT");
-  a->source.add_light_to(*command);
-  a->source.add_reference_to(*command);
-  a->source.add_pictures_to(*command);
-  auto* states =
-      command
-          ->add_option("--states", a->states, "A file of states as for `slf build`; one is drawn")
-          ->type_name(kAnyFile);
-  add_state(*command, "--state", a->state, "Its name in that file");
-  states->needs("--state");
-  command->get_option("--state")->needs(states);
+  a->source.add_input_to(*command, "INPUT");
+  a->source.add_to(*command, [](const auto& o) { return o.use != recipe::Use::field; });
+  a->source.add_states_to(*command);
+  add_state(*command, "--state", a->state, "The state to draw, by its name or number");
   a->picture.add_to(*command);
   a->camera.add_to(*command);
   add_file(*command, "--cameras", a->cameras,
            "Draw the pictures of all cameras in a transforms.json, as .exr with depth (Z,\n"
            "from the eye), in the folder OUTPUT");
+  for (const char* camera : {"--orbit", "--eye", "--look-at", "--up", "--fov", "--size"})
+    command->get_option("--cameras")->excludes(camera);
   add_threads(*command, a->threads);
 }
 

@@ -121,7 +121,9 @@ Result<void> run_transfer(const TransferArguments& a) {
 void add_transfer(CLI::App& app, Run& run) {
   const auto [command, a] = add_command(
       app, run, "transfer", "Transfer functions: list them, draw one, convert", run_transfer);
-  command->add_option("NAME", a->reference, kTransferHelp);
+  command->add_option("NAME", a->reference,
+                      "A built-in name, or a file of ParaView, 3D Slicer or MRIcroGL; FILE#NAME\n"
+                      "for one of several");
   command->add_flag("--list", a->list, "The built-in functions, or those of a file");
   add_file(*command, "-o,--output", a->output,
            "A picture of it (.png, .jpg, .exr), or ParaView's preset JSON (.json)");

@@ -289,7 +289,7 @@ std::string first_difference(const Manifest& existing, const Manifest& expected)
       from.erase(member);
     };
     for (const char* member : {"slf", "required", "filtered_levels", "part"}) drop(*json, member);
-    for (const char* ignored : {by_content ? "source" : "content", "space"}) {
+    for (const char* ignored : {by_content ? "source" : "content", "space", "recipe"}) {
       drop((*json)["provenance"], ignored);
       if (json->contains("states"))
         for (nlohmann::json& state : (*json)["states"]) drop(state["provenance"], ignored);

@@ -170,7 +170,7 @@ std::string difference(const Field& field, const Scene& scene) {
   auto built = nlohmann::json::parse(field.provenance(), nullptr, /*allow_exceptions=*/false);
   auto now = nlohmann::json::parse(scene.provenance(), nullptr, /*allow_exceptions=*/false);
   for (auto* json : {&built, &now})
-    for (const char* member : {"source", "space", "step"})
+    for (const char* member : {"source", "space", "step", "recipe"})
       if (json->is_object()) json->erase(member);
   const auto differences = nlohmann::json::diff(built, now);
   if (differences.empty()) return {};

@@ -130,9 +130,13 @@ std::uint64_t count_rays(const TileTracer& tracer, const TileOrder& order, unsig
 
 std::string text_of(const glm::dvec3& v) { return concat(v.x, ",", v.y, ",", v.z); }
 
-/// The provenance of a scene.
-Result<OwnedJson> provenance_of(const Scene& scene) {
-  OwnedJson json = nlohmann::json::parse(scene.provenance(), nullptr, /*allow_exceptions=*/false);
+/// The provenance of a scene, with its recipe.
+Result<OwnedJson> provenance_of(const FieldState& state) {
+  const auto parsed = [](const std::string& text) {
+    return nlohmann::json::parse(text, nullptr, /*allow_exceptions=*/false);
+  };
+  OwnedJson json = parsed(state.scene->provenance());
+  if (json->is_object() && !state.recipe.empty()) (*json)["recipe"] = parsed(state.recipe);
   if (json->is_object()) return json;
   return fail(ErrorCode::usage, "the scene's provenance is not a JSON object");
 }
@@ -160,7 +164,7 @@ Result<Manifest> plan(std::span<const FieldState> states, const BuildOptions& op
   manifest.codec = plain->spec();
   std::vector<std::pair<std::string, OwnedJson>> provenances;
   for (const FieldState& state : states) {
-    auto own = SLF_TRY(provenance_of(*state.scene));
+    auto own = SLF_TRY(provenance_of(state));
     provenances.emplace_back(state.name, std::move(own));
   }
   SLF_TRY(manifest.set_states(provenances));

@@ -55,6 +55,7 @@ struct BuildReport {
 struct FieldState {
   std::string name;
   const Scene* scene = nullptr;  ///< not null
+  std::string recipe{};          ///< a JSON object for people, of how it was made; empty: none
 };
 
 /// A sphere around all that is visible in any state: the bounds of the first state if these hold

@@ -12,11 +12,11 @@ from ._errors import (BadFileError, BusyError, Error, FailedError, IoError, NotF
                       OutOfMemoryError, UnsupportedError, UsageError)
 from ._field import Field, Player, diff, export, merge, open, repack, verify
 from ._rays import Scene
-from ._source import Settings, SourceSettings
+from ._source import BuildSettings, Settings, SourceSettings
 from ._slf import version as __version__
 from ._types import Camera, Look, Orbit, Picture, Sphere, Tone, orbit
 
-__all__ = ["BadFileError", "BusyError", "Camera", "Error", "FailedError", "Field", "IoError",
+__all__ = ["BadFileError", "BuildSettings", "BusyError", "Camera", "Error", "FailedError", "Field", "IoError",
            "Look", "NotFoundError", "Orbit", "OutOfMemoryError", "Picture", "Player", "Scene",
            "Settings", "SourceSettings", "Sphere", "Tone", "UnsupportedError", "UsageError",
            "build", "build_rays", "diff", "export", "merge", "open", "orbit", "raycast", "repack",

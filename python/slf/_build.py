@@ -10,23 +10,19 @@ import numpy as np
 
 from . import _slf
 from ._field import (AnyCamera, Array, Field, Path, Size, State, camera_tuple, check_dtype,
-                     finished_picture, is_half)
+                     finished_picture)
 from ._errors import UsageError
 from ._progress import Progress, reporter
 from ._rays import Function, Scene
-from ._source import Settings, scenes_of
-from ._types import Picture, Sphere, finite, orbit, point
+from ._source import BuildSettings, Settings, described
+from ._types import Picture, finite, orbit
 
 
-def build(source: Any, out: Path, *, entry: int = 8, exit: int = 32, finest_level: int = 2,
-          entry_extra_levels: int = 0, codec: str = "predictive:90",
-          depth: bool = True, color_type: str = "u8",
-          center: Sequence[float] | None = None, radius: float | None = None,
-          states: Sequence[Mapping[str, Any]] = (), each_label: bool = False,
+def build(source: Any, out: Path, *, states: Sequence[Mapping[str, Any]] = (),
           shard: tuple[int, int] = (1, 1),
           only_levels: tuple[int | None, int | None] = (None, None), coarser: Path = "",
-          threads: int = 0, commit_every: float = 5,
-          force: bool = False, progress: Progress = None, **settings: Unpack[Settings]) -> Field:
+          threads: int = 0, commit_every: float = 5, force: bool = False,
+          progress: Progress = None, **settings: Unpack[BuildSettings]) -> Field:
     """Builds a field, or resumes its build, and opens it.
 
     source: one of
@@ -35,23 +31,15 @@ def build(source: Any, out: Path, *, entry: int = 8, exit: int = 32, finest_leve
             read in slabs along z; those above 256 MiB into a temporary file beside `out`.
         an image of nibabel (RAS, converted to LPS) or SimpleITK, or an array of xarray with
             evenly spaced coordinates, with its own position.
-        a path of a volume or a mesh, "pictures:FOLDER", "pictures:JSON" or "scene:NAME", as
-            `slf build` reads them.
+        a path of a volume, a mesh or a recipe (.json), "pictures:FOLDER", "pictures:JSON" or
+            "scene:NAME", as `slf build` reads them.
         an slf.Scene.
     out: the field to write. It grows in OUT.unfinished, and gets its name when it is complete. The
         same call resumes what was interrupted. A complete field of the same source and settings is
         only opened.
-    entry, exit: cells of the lattices at level 0, along an edge of an octsphere.
-    finest_level: each level doubles both lattices.
-    codec: "predictive:QUALITY", "predictive:lossless", "jpeg:QUALITY[:444]", "zstd[:LEVEL]", "raw".
-    depth: store depths beside colours; predictive codecs need them.
-    color_type: "u8" or "half" (with light: linear radiance).
-    center, radius: the sphere in world units; default: around what is visible in any state.
     states: variants of the object, for one field: for each {"name": ..., other settings}, which are
         taken before those of this call; "source": another source; "light_from": the name of an
         earlier state that differs by `clip` or structures and whose light this one has.
-    each_label: a state for each label of the volume, or of `labels=`; those of one name are one.
-        The field is drawn with all of them, or with some: Field.render(structures=...).
     shard: (k, n), the k-th of n parts, from 1, for slf.merge().
     only_levels, coarser: as --only-levels and --coarser of `slf build`.
     threads: 0: all.  commit_every: seconds between commits, which a kill can lose.
@@ -59,25 +47,22 @@ def build(source: Any, out: Path, *, entry: int = 8, exit: int = 32, finest_leve
     progress: True: a bar of tqdm; or a function (done, total, skipped), which ends the call if it
         returns False. Counts paths of light, then rays.
 
-    settings: slf.Settings, whose documentation says what each does.
+    settings: slf.BuildSettings, whose documentation says what each does.
 
     Decisions of readers that a person may want to check are warnings.
     Raises slf.UsageError (a ValueError) for wrong settings or another field at `out`, slf.IoError,
     slf.UnsupportedError, slf.FailedError if `progress` returned False, MemoryError, and whatever
     `progress` or a scene raises. KeyboardInterrupt ends it, too; finished tiles are kept.
     """
-    half = is_half(color_type)
     if isinstance(source, Scene):
         threads = threads or source.processes  # a thread waits for each process
     folder = os.path.dirname(os.fspath(out)) or None
     finite("commit_every", commit_every)
-    whole = None if center is None or radius is None else Sphere(point(center), float(radius))
     with contextlib.ExitStack() as stack, reporter(progress, "build") as report:
-        scenes = scenes_of(stack, source, states=states, each_label=each_label, report=report,
-                           linear=half, folder=folder, threads=threads, sphere=whole, **settings)
-        built = _slf.build(scenes, out, None if center is None else point(center), radius, entry,
-                           exit, finest_level, entry_extra_levels, codec, depth, half, threads,
-                           float(commit_every), force, shard, only_levels, coarser, report)
+        recipe, scenes = described(stack, source, settings, states=states, known=BuildSettings,
+                                   report=report, folder=folder, threads=threads)
+        built = _slf.build(recipe, scenes, out, threads, float(commit_every), force, shard,
+                           only_levels, coarser, report)
     field = Field(out, threads=threads)
     field.build_report = built
     return field
@@ -125,7 +110,7 @@ def raycast(source: Any, camera: AnyCamera = orbit(), size: Size = (512, 512), *
     """
     check_dtype(dtype)
     with contextlib.ExitStack() as stack, reporter(progress, "raycast") as report:
-        scenes = scenes_of(stack, source, states=states, threads=threads, **settings)
+        _, scenes = described(stack, source, settings, states=states, threads=threads)
         known: dict[State, Any] = {k: scene for k, (_, scene) in enumerate(scenes)} | dict(scenes)
         if state not in known:
             raise UsageError(f"no state {state!r}; there are {', '.join(dict(scenes)) or 'none'}")

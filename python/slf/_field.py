@@ -17,7 +17,7 @@ from . import _slf
 from ._errors import UsageError
 from ._notebook import View, bundle, server_base
 from ._progress import Progress, reporter
-from ._source import SourceSettings, scenes_of
+from ._source import SourceSettings, described
 from ._types import (BuildReport, Camera, Content, Difference, Evaluation, ExportReport, Frame,
                      Look, Measurement, MergeReport, Orbit, PickedPoint, Picture, RepackReport,
                      Shape, Sphere, Tile, Tone, VerifyReport, finite, orbit)
@@ -365,7 +365,8 @@ class Field:
         """
         drawn = self._drawn(state, structures)
         with contextlib.ExitStack() as stack, reporter(progress, "evaluate") as report:
-            [(_, truth)] = scenes_of(stack, scene, truth_of=drawn.provenance, **settings)
+            _, [(_, truth)] = described(stack, scene, settings, known=SourceSettings,
+                                        truth_of=drawn.provenance)
             evaluation = _slf.evaluate(drawn, truth, self._cameras(cameras, size, distance),
                                        mode, self._level(level), supersample, report)
         if evaluation.differs:

@@ -10,11 +10,11 @@ import mmap
 import os
 import tempfile
 import warnings
-from typing import Any, Callable, Mapping, NamedTuple, Sequence, TypedDict, Unpack
+from typing import Any, Callable, Mapping, NamedTuple, Sequence, Unpack
 
 import numpy as np
 
-from . import _slf
+from . import _settings, _slf
 from ._errors import UsageError
 from ._progress import ProgressFunction
 from ._rays import Scene, ray_scene
@@ -23,89 +23,37 @@ from ._types import Point, Sphere, Tone, finite, point
 _Path = str | os.PathLike[str]
 
 
-class SourceSettings(TypedDict, total=False):
+class SourceSettings(_settings.DataOptions, total=False):
     """How to read a source, as keyword arguments of slf.build(), slf.raycast() and
-    Field.evaluate(). None stands for the default."""
+    Field.evaluate(). None stands for the default. Where a file may be named, an array or an image
+    may stand, too: for `labels` (then the parts of the volume, by their ids) and `mask` (0 hides
+    voxels, as does the mask of a numpy.ma array; masked ids are 0).
 
-    spacing: Sequence[float] | None
-    """Of voxels: dx, dy, dz."""
+    transfer may also be rows of (value, red, green, blue, opacity), or a function from values [n]
+    to [n, 4] of these, each 0 to 1; opacity is per voxel. label_table may be
+    {id: (name, (red, green, blue), opacity)}.
+    """
+
     affine: Any
     """4×4, from the indices (x, y, z) of a voxel to world coordinates (LPS); arrays only."""
     origin: Sequence[float] | None
     """World position of the first voxel; arrays only."""
     name: str | None
     """What the manifest names as the source; default: the image's file, or "array"."""
-    transfer: Any
-    """A preset such as "ct-bone", a file, rows of (value, red, green, blue, opacity), or a function
-    from values [n] to [n, 4] of these, each 0 to 1; opacity is per voxel. Default: fitted to the
-    histogram."""
-    range: Sequence[float] | None
-    """(low, high), the values to stretch the transfer function to."""
-    labels: Any
-    """True if the values are ids; or an array, an image or a file of ids, the parts of the
-    volume."""
-    label_table: None | _Path | Mapping[int, Any]
-    """A file, or {id: (name, (red, green, blue), opacity)}."""
-    only_labels: Sequence[int]
-    """Ids of the parts to show; what is hidden keeps its shadows. Default: all."""
-    mask: Any
-    """0 hides voxels, as does the mask of a numpy.ma array; masked ids are 0."""
-    environment: _Path | None
-    """Picture of the surroundings, which light comes from."""
-    light_file: _Path | None
-    """Keeps the light, for shards, and for builds that differ in the field's shape only. {state} in
-    its name stands for the name of each state."""
-    component: int | None
-    time: int | None
-    array: str | None
-    series: str | None
-    resample: bool
-    """Which part of a file to read, as `slf build` has them."""
-    up_axis: str | None
-    """Of a mesh's file, "y" or "z"."""
-    depth_kind: str | None
-    """Of pictures: "z", "ray", "inverse" or "none"; default: found by comparing them."""
-    depth_scale: float
-    holdout: int
-    voxels: int
-    picture_memory: int
-    background_model: str
-    depth_cache: _Path | None
-    """As `slf build` has them; depth_cache="none": no file."""
 
 
-class Settings(SourceSettings, total=False):
+class Settings(SourceSettings, _settings.ViewOptions, total=False):
     """What is seen of a source, beside how to read it: of slf.build() and slf.raycast()."""
 
-    lighting: str | None
-    """"global", "shadowed" or "direct"; default: "global", unless shade, ambient or projection
-    imply "direct"."""
-    light: Sequence[float] | None
-    """World direction towards the light."""
-    light_rig: _Path | None
-    """Built-in rig or file: lights and sky of shadowed and global light."""
-    environment_gain: float
-    light_samples: int
-    light_bounces: int
-    light_spacing: float
-    light_memory: int
-    light_seed: int
-    """As `slf build` has them."""
     tone: Tone | None
-    shade: bool
-    """False: colours as in the transfer function, unlit."""
-    ambient: float | None
-    """Share of the shading, 0 to 1, of direct light."""
-    clip: Sequence[Sequence[float]]
-    """Planes (x, y, z, nx, ny, nz): what lies on the side of x, y, z that the normal points to is
-    removed."""
-    projection: str | None
-    """"mip", "minip" or "mean"."""
-    step: float
-    """Longest sample, in voxels."""
+    """exposure and tonemap."""
 
 
-_OF_FILES = ("component", "time", "array", "series", "resample")
+class BuildSettings(Settings, _settings.FieldOptions, total=False):
+    """And the field: of slf.build()."""
+
+
+_OF_FILES = ("component", "time", "array", "series", "resample", "crop", "dims")
 
 
 # ---- positions -----------------------------------------------------------------------------------
@@ -327,10 +275,7 @@ def _volume(source: Any, *, labels: bool, folder: str | None, mapped: list[mmap.
 
 
 def _transfer(transfer: Any) -> Any:
-    """A transfer function as a reference, or as a function that makes JSON for a volume."""
-    if transfer is None or isinstance(transfer, (str, os.PathLike)):
-        return transfer
-
+    """A transfer function as a function that makes JSON for a volume."""
     def for_volume(low: float, high: float, spacing: float) -> str:
         if callable(transfer):
             values = np.linspace(low, high, 256)
@@ -369,9 +314,11 @@ def _arrays(source: Any, settings: Any, folder: str | None, mapped: list[mmap.mm
             kept[key] = _volume(array, folder=folder, mapped=mapped, **how)
         return kept[key]
 
-    labels, mask = settings.pop("labels", None), settings.get("mask")
-    is_labels = settings["labels"] = isinstance(labels, (bool, np.bool_)) and bool(labels)
-    if not isinstance(labels, (bool, np.bool_)):
+    labels, mask = settings.pop("labels", False), settings.get("mask")
+    is_labels = isinstance(labels, (bool, np.bool_)) and bool(labels)
+    if is_labels:
+        settings["labels"] = True
+    elif not isinstance(labels, (bool, np.bool_)):
         settings["labels_volume"] = labels
     placed = {key: settings.pop(key, None) for key in ("affine", "origin", "name")}
     place = None
@@ -387,7 +334,7 @@ def _arrays(source: Any, settings: Any, folder: str | None, mapped: list[mmap.mm
         if np.ma.is_masked(source) and not is_labels:
             source, settings["mask"] = _unmasked(source, mask)
             make = functools.partial(_volume, folder=folder, mapped=mapped)  # of new arrays
-        settings["volume"], place = make(source, labels=is_labels,
+        settings["input"], place = make(source, labels=is_labels,
                                          spacing=settings.pop("spacing", None), **placed)
     for key, name in ("labels_volume", "labels"), ("mask", "mask"):
         part = settings.get(key)
@@ -395,72 +342,85 @@ def _arrays(source: Any, settings: Any, folder: str | None, mapped: list[mmap.mm
             settings[key], _ = volume(part, labels=True, like=place, name=name)
 
 
-def scenes_of(stack: contextlib.ExitStack, source: Any, *,
-              states: Sequence[Mapping[str, Any]] = (), each_label: bool = False,
-              report: ProgressFunction | None = None, linear: bool = False,
-              folder: str | None = None, threads: int = 0, sphere: Sphere | None = None,
-              truth_of: str | None = None, **given: Unpack[Settings]) -> list[tuple[str, Any]]:
-    """The scenes of states, until `stack` is closed; without states, one of no name, or those of
-    the labels. report: for reading pictures.  folder: for temporary files.  sphere: of pictures.
-    truth_of: the provenance of a field to compare with, which is without settings but those of the
-    source. Called by what users call, whose place warnings state."""
-    if states and each_label:
-        raise UsageError("each_label makes states itself, without states=")
+class Described(NamedTuple):
+    """A recipe, and the scenes that it describes, by the names of their states."""
+
+    recipe: _slf.Recipe
+    scenes: list[tuple[str, Any]]
+
+
+def described(stack: contextlib.ExitStack, source: Any, settings: Mapping[str, Any], *,
+              states: Sequence[Mapping[str, Any]] = (), known: type = Settings,
+              report: ProgressFunction | None = None, folder: str | None = None, threads: int = 0,
+              truth_of: str | None = None) -> Described:
+    """The scenes of states, until `stack` is closed; without states, those of the recipe alone.
+    known: the settings that there are.  report: for reading pictures.  folder: for temporary
+    files.  truth_of: the provenance of a field to compare with. Called by what users call, whose
+    place warnings state."""
     scenes: list[tuple[str, Any]] = []
     shared = _slf.StateScenes() if states else None
     kept: _Kept = {}
-    common = {"linear": linear, "threads": threads, "sphere": sphere, "truth_of": truth_of}
+    whole: _slf.Recipe | None = None
     for state in states or ({},):
-        settings: Any = {"source": source, **given, **state}
-        name, lit_by = state.get("name", ""), settings.pop("light_from", None)
+        given: Any = {"source": source, **settings, **state}
+        name, lit_by = state.get("name", ""), given.pop("light_from", None) or ""
         if "name" in state:
-            settings["name"] = given.get("name")
+            given["name"] = settings.get("name")
+        unknown = sorted(set(given) - {"source"} - set(known.__annotations__))
+        if unknown:
+            raise TypeError(f"unexpected settings: {', '.join(unknown)}")
+        mapped: list[mmap.mmap] = []
+        recipe = _recipe(given, bool(lit_by), folder, mapped, kept)
+        recipe.use_threads(threads)
+        recipe.store_linear()
+        if truth_of is not None:
+            recipe.compare_with(truth_of)
         notes: list[str] = []
-
-        def make(described: Any) -> list[tuple[str, Any]]:
-            made: list[tuple[str, Any]] = _slf.make_scenes(
-                {**described, **common}, shared, name, lit_by or "", each_label, notes,
-                report)
-            return made
-        made = _made(stack, settings, each_label, lit_by, folder, truth_of, kept, make)
+        if isinstance(given["source"], Scene):
+            made = [(name, stack.enter_context(ray_scene(given["source"])))]
+        else:
+            made = recipe.scenes(shared, name, lit_by, notes, report)
         for note in notes:
             warnings.warn(note, stacklevel=3)
-        scenes += made if each_label else [(name, made[0][1])]
-    return scenes
+        for file in mapped:  # rays jump from page to page: reading ahead would be in vain
+            file.madvise(mmap.MADV_RANDOM)
+        scenes += [(name, made[0][1])] if states else made
+        whole = whole or recipe
+    assert whole is not None
+    return Described(whole, scenes)
 
 
-def _made(stack: contextlib.ExitStack, given: Any, each_label: bool, lit_by: str | None,
-          folder: str | None, truth_of: str | None, kept: _Kept,
-          make: Callable[[Any], list[tuple[str, Any]]]) -> list[tuple[str, Any]]:
-    """The scene of a source, or those of its labels, which make() makes of settings."""
-    source = given.pop("source")
-    known = Settings if truth_of is None else SourceSettings
-    unknown = sorted(set(given) - set(known.__annotations__))
-    if unknown:
-        raise TypeError(f"unexpected settings: {', '.join(unknown)}")
+def _recipe(given: Mapping[str, Any], lit: bool, folder: str | None, mapped: list[mmap.mmap],
+            kept: _Kept) -> _slf.Recipe:
+    """The recipe of settings, of which one is the source."""
     settings: Any = {key: value for key, value in given.items() if value is not None}
+    source = settings.pop("source")
+    recipe = _slf.Recipe()
     if isinstance(source, Scene):
-        if settings or each_label or lit_by:
-            names = ["each_label"] * each_label + ["light_from"] * bool(lit_by) + sorted(settings)
-            raise UsageError(f"{', '.join(names)}: not for scenes of Python")
-        return [("", stack.enter_context(ray_scene(source)))]
-    mapped: list[mmap.mmap] = []
-    _arrays(source, settings, folder, mapped, kept)
-    if isinstance(settings.get("label_table"), Mapping):
-        settings["label_table"] = {int(id): _style(style)
-                                   for id, style in settings["label_table"].items()}
-    settings["transfer"] = _transfer(settings.get("transfer"))
-    if truth_of is None:
-        settings.setdefault("depth_cache", "")  # beside the pictures
-    scenes = make(settings)
-    for file in mapped:  # rays jump from page to page: reading ahead would be in vain
-        file.madvise(mmap.MADV_RANDOM)
-    return scenes
+        wrong = sorted(set(settings) - set(_settings.FieldOptions.__annotations__))
+        wrong += ["each_label"] * bool(settings.get("each_label")) + ["light_from"] * lit
+        if wrong:
+            raise UsageError(f"{', '.join(wrong)}: not for scenes of Python")
+    else:
+        _arrays(source, settings, folder, mapped, kept)
+        if isinstance(table := settings.get("label_table"), Mapping):
+            settings["label_table"] = {"labels": [_style(*style) for style in table.items()]}
+        if not _is_path(transfer := settings.get("transfer", "")):
+            settings["transfer"] = _transfer(transfer)
+        if tone := settings.pop("tone", None):
+            settings |= {"exposure": tone.exposure, "tonemap": tone.curve}
+    for key, value in settings.items():
+        recipe.set(key, value)
+    if _is_path(source) and os.fsdecode(source).endswith(".json") and \
+            not os.fsdecode(source).startswith("pictures:"):
+        recipe.read(source)
+    return recipe
 
 
-def _style(style: Any) -> tuple[str, Point | None, float]:
+def _style(id: Any, style: Any) -> dict[str, Any]:
     """A name, or (name, color, opacity), of which the last two may be missing."""
     given = (style,) if isinstance(style, str) else tuple(style)
     name, color, opacity = given + (None, 1.0)[len(given) - 1:]
     finite(f"the style of {name!r}:", [opacity, *(() if color is None else color)])
-    return name, None if color is None else point(color), float(opacity)
+    made = {"id": int(id), "name": name, "opacity": float(opacity)}
+    return made if color is None else {**made, "color": point(color)}

@@ -1,17 +1,17 @@
-// Sources of rays: what a SceneDescription states, volumes from arrays, functions of Python.
+// Sources of rays: recipes, volumes from arrays, functions of Python.
 #include "scenes.h"
 
 #include <algorithm>
 #include <cmath>
-#include <functional>
 #include <limits>
-#include <map>
+#include <nlohmann/json.hpp>
 
 #include "arrays.h"
 #include "base/try.h"
 #include "convert.h"
 #include "module.h"
-#include "slf/scene_description.h"
+#include "slf/recipe.h"
+#include "source/recipe/options.h"
 
 namespace slf::python {
 namespace {
@@ -183,198 +183,87 @@ VolumeHandle volume_of(const py::array& array, const Triple& origin,
   return volume;
 }
 
-// ---- descriptions ------------------------------------------------------------------------------
+// ---- recipes -----------------------------------------------------------------------------------
 
-using Style = std::tuple<std::string, std::optional<Triple>, double>;
-using Set = std::function<void(const py::handle&)>;
+using RecipeHandle = std::shared_ptr<Recipe>;
 
-template <class T>
-bool is_finite(const T& value) {
-  if constexpr (std::is_floating_point_v<T>)
-    return std::isfinite(value);
-  else if constexpr (requires {
-                       value.size();
-                       value[0] * 1.0;
-                     })
-    return std::ranges::all_of(value, [](double v) { return std::isfinite(v); });
-  else
-    return true;
-}
-
-/// Sets a member to a value of Python, as an F. Throws py::cast_error.
-template <class F, class T>
-Set as(T& member) {
-  return [&member](const py::handle& value) {
-    auto number = value.cast<F>();
-    if (!is_finite(number)) throw py::cast_error();
-    if constexpr (std::is_same_v<F, Triple>)
-      member = vector_of(number);
-    else
-      member = std::move(number);
-  };
-}
-template <class T>
-Set to(T& member) {
-  return as<T>(member);
-}
-Set text(std::string& member) { return as<Text>(member); }
-
-/// Sets a member to the value with one of these names.
-template <class T>
-Set choice(T& member, const std::map<std::string, std::common_type_t<T>>& names) {
-  return [&member, names](const py::handle& value) {
-    const auto found = names.find(value.cast<std::string>());
-    if (found == names.end()) throw py::cast_error();
-    member = found->second;
-  };
-}
-
-Set volume_source(VolumeSource& member) {
-  return [&member](const py::handle& value) {
-    if (py::isinstance<Volume>(value))
-      member.volume = value.cast<VolumeHandle>();
-    else
-      member.path = value.cast<Text>();
-  };
-}
-
-void set_styles(SceneDescription& description, const py::handle& value) {
-  if (!py::isinstance<py::dict>(value)) {
-    description.label_table = value.cast<Text>();
-    return;
+/// A value of Python as JSON, whose texts may have any bytes.
+nlohmann::json json_of(const py::handle& value) {
+  if (value.is_none()) return {};
+  if (py::isinstance<py::bool_>(value)) return value.cast<bool>();
+  if (py::isinstance<py::int_>(value)) return value.cast<std::int64_t>();
+  if (py::isinstance<py::float_>(value)) return value.cast<double>();
+  if (py::hasattr(value, "tolist")) return json_of(value.attr("tolist")());
+  nlohmann::json json;
+  if (py::isinstance<py::dict>(value)) {
+    json = nlohmann::json::object();
+    for (const auto& [name, member] : value.cast<py::dict>())
+      json[std::string(py::str(name))] = json_of(member);
+  } else if (py::isinstance<py::list>(value) || py::isinstance<py::tuple>(value)) {
+    json = nlohmann::json::array();
+    for (const py::handle one : value) json.push_back(json_of(one));
+  } else {
+    json = std::string(value.cast<Text>());
   }
-  LabelTable& table = description.styles.emplace();
-  for (const auto& [id, style] : value.cast<std::map<std::int64_t, Style>>()) {
-    const auto& [name, color, opacity] = style;
-    table[id] = {name, {}, opacity};
-    if (color) table[id].color = vector_of(*color);
-  }
+  return json;
 }
 
-/// A function of Python from (low, high, spacing) to the JSON of a transfer function, or a name.
-void set_transfer(SceneDescription& description, const py::handle& value) {
-  if (!py::isinstance<py::function>(value)) {
-    description.transfer = value.cast<Text>();
-    return;
-  }
-  description.make_transfer = [fn = py::reinterpret_borrow<py::function>(value)](const Volume& v) {
-    const py::gil_scoped_acquire acquire;
-    const auto [low, high] = v.value_range();
-    const glm::dvec3 spacing = v.spacing();
-    return parse_transfer(
-        fn(low, high, std::min({spacing.x, spacing.y, spacing.z})).cast<std::string>(), "transfer");
-  };
-}
-
-/// How settings are called in Python, and what they set.
-std::map<std::string, Set> setters(SceneDescription& d) {
-  RaycastOptions& rays = d.raycast;
-  LightOptions& light = rays.lighting;
-  return {
-      {"input", text(d.input)},
-      {"volume", [&d](const py::handle& value) { d.volume = value.cast<VolumeHandle>(); }},
-      {"labels", to(d.reading.labels)},
-      {"component", as<std::uint32_t>(d.reading.component)},
-      {"time", as<std::uint32_t>(d.reading.time)},
-      {"array", as<Text>(d.reading.array)},
-      {"series", as<Text>(d.reading.series)},
-      {"resample", to(d.reading.resample)},
-      {"spacing", as<Triple>(d.reading.spacing)},
-      {"transfer", [&d](const py::handle& value) { set_transfer(d, value); }},
-      {"range", as<std::array<double, 2>>(d.range)},
-      {"labels_volume", volume_source(d.labels_volume)},
-      {"mask", volume_source(d.mask)},
-      {"label_table", [&d](const py::handle& value) { set_styles(d, value); }},
-      {"only_labels", to(d.only_labels)},
-      {"step", to(rays.step)},
-      {"clip",
-       [&rays](const py::handle& value) {
-         rays.clip.clear();
-         for (const auto& v : value.cast<std::vector<std::array<double, 6>>>())
-           rays.clip.push_back({{v[0], v[1], v[2]}, {v[3], v[4], v[5]}});
-       }},
-      {"projection", choice(rays.projection, {{"mip", Projection::maximum},
-                                              {"minip", Projection::minimum},
-                                              {"mean", Projection::mean}})},
-      {"shade", to(rays.shade)},
-      {"ambient", as<float>(d.ambient)},
-      {"light", as<Triple>(d.light)},
-      {"lighting",
-       [&d](const py::handle& value) {
-         choice(d.lighting.emplace(), {{"direct", Lighting::direct},
-                                       {"shadowed", Lighting::shadowed},
-                                       {"global", Lighting::global}})(value);
-       }},
-      {"light_rig", text(d.light_rig)},
-      {"environment", text(d.environment)},
-      {"environment_gain", to(light.environment_gain)},
-      {"light_samples", to(light.samples)},
-      {"light_bounces", to(light.bounces)},
-      {"light_spacing", to(light.spacing)},
-      {"light_memory", to(light.memory)},
-      {"light_seed", to(light.seed)},
-      {"light_file", text(d.light_volume.file)},
-      {"tone", [&](const py::handle& value) { light.tone = tone_of(value.cast<ToneTuple>()); }},
-      {"linear", to(light.linear)},
-      {"up_axis", choice(d.up_axis, {{"y", UpAxis::y}, {"z", UpAxis::z}})},
-      {"depth_kind", choice(d.pictures.depth, {{"z", DepthKind::z},
-                                               {"ray", DepthKind::ray},
-                                               {"inverse", DepthKind::inverse},
-                                               {"none", DepthKind::none}})},
-      {"depth_scale", to(d.pictures.depth_scale)},
-      {"holdout", to(d.pictures.holdout)},
-      {"voxels", to(d.pictures.voxels)},
-      {"picture_memory", to(d.pictures.memory)},
-      {"background_model", choice(d.pictures.keep_background, {{"keep", true}, {"drop", false}})},
-      {"depth_cache", as<Text>(d.depth_cache)},
-      {"sphere",
-       [&d](const py::handle& value) { d.pictures.sphere = sphere_of(value.cast<SphereTuple>()); }},
-      {"truth_of", text(d.truth_of)},
-      {"threads", to(d.light_volume.threads)}};
-}
-
-/// The scene that `settings` describe, or one for each label, with their names. None is no setting.
-/// `states`: those to which it is added as `name`, with the light of `light_from`; null: it is
-/// alone. `notes` gets what people should know.
-std::vector<std::pair<Text, SceneHandle>> make_scenes(const py::dict& settings, StateScenes* states,
-                                                      const Text& name, const Text& light_from,
-                                                      bool each_label, py::list notes,
-                                                      py::object progress) {
-  SceneDescription description;
-  const auto set = setters(description);
-  for (const auto& [key, value] : settings) {
-    const auto setter = set.find(key.cast<std::string>());
-    if (setter == set.end()) throw py::type_error("unexpected setting " + key.cast<std::string>());
+/// Sets an option, also to what JSON has not: a volume in memory, or a function from (low, high,
+/// spacing) of a volume to the JSON of a transfer function.
+void set(Recipe& recipe, const std::string& name, const py::object& value) {
+  const bool is_volume = py::isinstance<Volume>(value);
+  if (is_volume && name == "input") {
+    recipe.volume = value.cast<VolumeHandle>();
+  } else if (is_volume) {
+    (name == "mask" ? recipe.mask : recipe.labels_volume).volume = value.cast<VolumeHandle>();
+    recipe.stated.insert(name);
+  } else if (py::isinstance<py::function>(value)) {
+    recipe.make_transfer = [fn = py::function(value)](const Volume& v) {
+      const py::gil_scoped_acquire acquire;
+      const auto [low, high] = v.value_range();
+      const glm::dvec3 spacing = v.spacing();
+      return parse_transfer(
+          fn(low, high, std::min({spacing.x, spacing.y, spacing.z})).cast<std::string>(),
+          "transfer");
+    };
+    recipe.stated.insert(name);
+  } else {
+    nlohmann::json json;
     try {
-      if (!value.is_none()) setter->second(value);
+      json = json_of(value);
     } catch (const py::cast_error&) {
       throw Failure({ErrorCode::usage,
-                     setter->first + ": unexpected value " + py::repr(value).cast<std::string>()},
+                     name + ": unexpected value " + py::repr(value).cast<std::string>()},
                     "");
     }
+    value_of(recipe::set(recipe, name, json));
   }
-  if (description.depth_cache == "none") description.depth_cache.reset();
-  description.light_volume.progress = LightProgress::report;
+}
+
+/// The scenes of a recipe, with their names. `states`: those to which it is added as `name`, with
+/// the light of `light_from`; null: it is alone. `notes` gets what people should know.
+std::vector<std::pair<Text, SceneHandle>> make(const Recipe& given, StateScenes* states,
+                                               const Text& name, const Text& light_from,
+                                               py::list notes, py::object progress) {
+  Recipe recipe = given;
+  recipe.light_volume.progress = LightProgress::report;
   const auto found = std::make_shared<Texts>();
-  description.on_note = [found](const std::string& note, const char* choice) {
+  recipe.on_note = [found](const std::string& note, const char* choice) {
     found->emplace_back(choice ? note + "; see the setting " + choice : note);
   };
   LongCall call(std::move(progress));
   auto result = SceneHandle{}.trace(call, [&]() -> Result<std::vector<NamedScene>> {
-    if (each_label) return make_label_scenes(description);
-    if (states) {
-      SLF_TRY(states->add(name, description, light_from));
-      return std::vector{states->scenes().back()};
-    }
-    auto scene = SLF_TRY(make_scene(description));
-    return std::vector<NamedScene>{{"", std::move(scene)}};
+    if (!states) return make_scenes(recipe);
+    SLF_TRY(states->add(name, recipe, light_from));
+    return std::vector{states->scenes().back()};
   });
-  if (!result && result.error().choice && set.contains(result.error().choice))
+  if (!result && result.error().choice && recipe::find(result.error().choice))
     result.error().message.append("; see the setting ").append(result.error().choice);
-  auto made = value_of(std::move(result), description.input);
+  auto made = value_of(std::move(result), recipe.input);
   for (const Text& note : *found) notes.append(note);
   std::vector<std::pair<Text, SceneHandle>> scenes;
-  for (NamedScene& one : made) scenes.emplace_back(one.name, SceneHandle{std::move(one.scene)});
+  for (NamedScene& one : made) scenes.emplace_back(one.name,
+                        SceneHandle{std::move(one.scene), nullptr, std::move(one.recipe)});
   return scenes;
 }
 
@@ -401,7 +290,18 @@ void bind_scenes(py::module_& module) {
                              [](const SceneHandle& s) { return Text(s.scene->provenance()); })
       .def("raycast", raycast);
   py::class_<StateScenes>(module, "StateScenes").def(py::init());
-  module.def("make_scenes", make_scenes);
+  py::class_<Recipe, RecipeHandle>(module, "Recipe")
+      .def(py::init())
+      .def("copy", [](const Recipe& recipe) { return std::make_shared<Recipe>(recipe); })
+      .def("set", set)
+      .def("read", [](Recipe& recipe, const Text& path) { value_of(read_recipe(path, recipe)); })
+      .def_property_readonly("states", [](const Recipe& recipe) { return recipe.states.size(); })
+      .def("compare_with",
+           [](Recipe& recipe, const std::string& provenance) { recipe.truth_of = provenance; })
+      .def("use_threads", [](Recipe& recipe, unsigned n) { recipe.light_volume.threads = n; })
+      .def("store_linear",
+           [](Recipe& recipe) { recipe.raycast.lighting.linear = recipe.field.half; })
+      .def("scenes", make);
   module.def("ray_scene", [](py::object fn, const SphereTuple& sphere,
                              const std::string& provenance, std::size_t batch, bool concurrent) {
     SceneHandle handle;

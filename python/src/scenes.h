@@ -75,6 +75,7 @@ class LightProgress {
 struct SceneHandle {
   std::shared_ptr<const Scene> scene;
   const RayScene* rays = nullptr;  ///< the scene, if it is one
+  std::string recipe{};            ///< JSON of how it was made
 
   /// Runs f, which traces rays, as one long call. Throws what a function of rays raised.
   template <class F>

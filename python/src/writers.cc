@@ -7,6 +7,7 @@
 #include "slf/build.h"
 #include "slf/measure.h"
 #include "slf/merge.h"
+#include "slf/recipe.h"
 #include "slf/repack.h"
 
 namespace slf::python {
@@ -18,33 +19,22 @@ using Scenes = std::vector<std::pair<Text, SceneHandle>>;
 
 std::vector<FieldState> states_of(const Scenes& scenes) {
   std::vector<FieldState> states;
-  for (const auto& [name, handle] : scenes) states.push_back({name, handle.scene.get()});
+  for (const auto& [name, handle] : scenes) states.push_back({name, handle.scene.get(), handle.recipe});
   return states;
 }
 
-py::object build(const Scenes& scenes, const Text& path, const std::optional<Triple>& center,
-                 std::optional<double> radius, std::uint32_t entry, std::uint32_t exit,
-                 unsigned finest_level, unsigned entry_extra_levels, const std::string& codec,
-                 bool depth, bool half, unsigned threads, double commit_seconds, bool force,
+py::object build(const Recipe& recipe, const Scenes& scenes, const Text& path, unsigned threads,
+                 double commit_seconds, bool force,
                  const std::pair<std::uint32_t, std::uint32_t>& shard, const Levels& only_levels,
                  const Text& coarser, py::object progress) {
-  BuildOptions options;
-  options.shape.entry_side = entry;
-  options.shape.exit_side = exit;
-  options.shape.levels = finest_level;
-  options.shape.entry_extra_levels = entry_extra_levels;
-  options.codec = codec;
-  options.depth = depth;
-  options.half = half;
+  BuildOptions options = recipe.field;
   options.threads = threads;
   options.commit_seconds = commit_seconds;
   options.replace = force;
   options.shard = {shard.first, shard.second, only_levels[0], only_levels[1], coarser};
   LongCall call(std::move(progress));
   const auto states = states_of(scenes);
-  Sphere& sphere = options.shape.sphere = bounds_of(states);
-  if (center) sphere.center = vector_of(*center);
-  if (radius) sphere.radius = *radius;
+  options.shape.sphere = field_sphere(recipe, states);
   auto built = scenes.front().second.trace(
       call, [&] { return build_field(states, path, options, call.progress()); });
   for (const auto& [name, handle] : scenes)

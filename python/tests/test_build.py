@@ -19,7 +19,7 @@ import pytest
 import slf
 from conftest import SMALL, SMALL_ARGUMENTS, write_nifti
 from slf._field import camera_tuple
-from slf._source import scenes_of
+from slf._source import described
 
 META_TYPES = {"u1": "UCHAR", "i1": "CHAR", "u2": "USHORT", "i2": "SHORT", "u4": "UINT", "i4": "INT",
               "f4": "FLOAT", "f8": "DOUBLE"}
@@ -598,7 +598,7 @@ def test_spheres_that_miss_everything_are_refused(tmp_path):
 def test_threads_may_share_a_scene(voxels):
     """Its light is computed once, by one of them, which alone is told of it."""
     with contextlib.ExitStack() as stack:
-        [(_, scene)] = scenes_of(stack, voxels, lighting="global", light_samples=4)
+        _, [(_, scene)] = described(stack, voxels, {"lighting": "global", "light_samples": 4})
         rows = 16
         camera = camera_tuple(scene.bounds, slf.orbit(10, 20, 3), (16, rows))
         pictures, totals, other = {}, {1: set(), 2: set()}, []

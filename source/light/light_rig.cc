@@ -147,6 +147,7 @@ std::span<const LightRig> built_in_rigs() {
 }
 
 Result<LightRig> read_rig(const std::string& reference) {
+  if (reference.starts_with('{')) return parse_rig(reference, "light rig");
   for (const LightRig& rig : built_in_rigs())
     if (rig.name == reference) return rig;
   constexpr std::uint64_t kMaxBytes = 1 << 20;

@@ -10,8 +10,9 @@
 #include "base/join.h"
 #include "base/try.h"
 #include "slf/image.h"
-#include "slf/scene_description.h"
+#include "slf/recipe.h"
 #include "source/raycast/provenance.h"
+#include "source/recipe/options.h"
 #include "source/volume/units.h"
 
 namespace slf {
@@ -22,24 +23,24 @@ using nlohmann::json;
 constexpr std::string_view kScenePrefix = "scene:", kPicturesPrefix = "pictures:";
 constexpr double kTruthStep = 0.5;  // finer than fields need
 
-void note(const SceneDescription& d, const std::string& text, const char* choice = nullptr) {
+void note(const Recipe& d, const std::string& text, const char* choice = nullptr) {
   if (d.on_note) d.on_note(text, choice);
 }
 
-void note_all(const SceneDescription& d, const std::string& source,
+void note_all(const Recipe& d, const std::string& source,
               const std::vector<std::string>& notes) {
   for (const std::string& text : notes) note(d, std::string(source).append(": ").append(text));
 }
 
 /// Adds the files that the description names to those that were `read`, and checks them.
-Result<void> check_files(const SceneDescription& d, std::vector<std::string>& read) {
+Result<void> check_files(const Recipe& d, std::vector<std::string>& read) {
   const std::vector<std::string> named = d.files();
   read.insert(read.end(), named.begin(), named.end());
   return d.check ? d.check(read) : Result<void>();
 }
 
 /// The provenance of the field to compare with, if it is of this kind.
-json recorded(const SceneDescription& d, const char* kind) {
+json recorded(const Recipe& d, const char* kind) {
   json built = json::parse(d.truth_of, nullptr, /*allow_exceptions=*/false);
   if (!built.is_object() || built.value("kind", json()) != kind) return json::object();
   if (const auto parts = built.find("structures"); parts != built.end() && !parts->is_object())
@@ -48,7 +49,7 @@ json recorded(const SceneDescription& d, const char* kind) {
 }
 
 /// The options of rays, with light, but without structures.
-Result<RaycastOptions> rays_of(const SceneDescription& d, const json& built) {
+Result<RaycastOptions> rays_of(const Recipe& d, const json& built) {
   RaycastOptions options = d.raycast;
   if (built.empty()) {
     options.shade = options.shade && options.projection == Projection::none;
@@ -76,32 +77,7 @@ Result<RaycastOptions> rays_of(const SceneDescription& d, const json& built) {
   return options;
 }
 
-/// usage: a member is given that only volumes have.
-Result<void> check_no_volume(const SceneDescription& d, const char* kind) {
-  for (const auto& [member, given] : {std::pair{"transfer", !d.transfer.empty() || d.make_transfer},
-                                      {"range", !!d.range},
-                                      {"labels_volume", !!d.labels_volume},
-                                      {"mask", !!d.mask},
-                                      {"only_labels", !d.only_labels.empty()},
-                                      {"labels", d.reading.labels},
-                                      {"spacing", !!d.reading.spacing},
-                                      {"component", !!d.reading.component},
-                                      {"time", !!d.reading.time},
-                                      {"array", !!d.reading.array},
-                                      {"series", !!d.reading.series},
-                                      {"resample", d.reading.resample},
-                                      {"crop", !!d.reading.crop},
-                                      {"clip", !d.raycast.clip.empty()},
-                                      {"dims", !!d.reading.raw},
-                                      {"projection", d.raycast.projection != Projection::none},
-                                      {"light_file", !d.light_volume.file.empty()},
-                                      {"reference", d.reference}})
-    if (given) return misuse(member, "only for volumes; ", d.input, " is ", kind);
-  return {};
-}
-
-Result<std::unique_ptr<Scene>> picture_scene(const SceneDescription& d) {
-  SLF_TRY(check_no_volume(d, "pictures"));
+Result<std::unique_ptr<Scene>> picture_scene(const Recipe& d) {
   auto set = SLF_TRY(read_pictures(d));
   auto read = set.files();
   SLF_TRY(check_files(d, read));
@@ -109,8 +85,7 @@ Result<std::unique_ptr<Scene>> picture_scene(const SceneDescription& d) {
   return make_picture_scene(std::move(set), options);
 }
 
-Result<std::unique_ptr<Scene>> mesh_scene(const SceneDescription& d) {
-  SLF_TRY(check_no_volume(d, "a mesh"));
+Result<std::unique_ptr<Scene>> mesh_scene(const Recipe& d) {
   const auto options = SLF_TRY(rays_of(d, recorded(d, "mesh")));
   auto mesh = SLF_TRY(read_mesh(d.input, d.up_axis));
   note_all(d, d.input, mesh.notes);
@@ -138,19 +113,26 @@ Result<Volume> read_once(const std::string& path, const VolumeOptions& options, 
   return kept->back().volume;
 }
 
+VolumeOptions reading_of(const Recipe& d) {
+  VolumeOptions reading = d.reading;
+  if (d.raw.dims[0] > 0) reading.raw = d.raw;
+  return reading;
+}
+
 /// Reads a label volume or a mask.
-Result<Volume> read_structure(const SceneDescription& d, const std::string& path, Readings* kept) {
+Result<Volume> read_structure(const Recipe& d, const std::string& path, Readings* kept) {
   // Parts are placed by position, so a crop does not concern them. They mostly have a header
   // and one number a voxel, also where the volume does not.
   VolumeOptions options;
   options.labels = true;
   options.resample = d.reading.resample;
-  if (!d.reading.raw) options.spacing = d.reading.spacing;
+  const auto reading = reading_of(d);
+  if (!reading.raw) options.spacing = d.reading.spacing;
   auto volume = read_once(path, options, kept);
   if (volume) return volume;
   const std::string_view choice = volume.error().choice ? volume.error().choice : "";
-  if (choice == "raw" && d.reading.raw) {
-    options.raw = d.reading.raw;
+  if (choice == "raw" && reading.raw) {
+    options.raw = reading.raw;
     options.spacing = d.reading.spacing;
   } else if ((choice == "component" || choice == "time") &&
              (d.reading.component || d.reading.time)) {
@@ -174,9 +156,10 @@ std::shared_ptr<const Volume> in_unit_of(const Volume& volume, std::shared_ptr<c
 }
 
 /// The volume that the description is of.
-Result<Volume> volume_of(const SceneDescription& d, Readings* kept) {
+Result<Volume> volume_of(const Recipe& d, Readings* kept) {
   if (d.volume) return *d.volume;
-  auto volume = read_once(d.input, d.reading, kept);
+  const auto reading = reading_of(d);
+  auto volume = read_once(d.input, reading, kept);
   if (volume || volume.error().code == ErrorCode::not_found) return volume;
   std::error_code ignored;
   const bool may_have_cameras = d.input.ends_with(".json") || d.input.ends_with(".csv") ||
@@ -184,17 +167,17 @@ Result<Volume> volume_of(const SceneDescription& d, Readings* kept) {
   if (may_have_cameras && read_pictures(d.input))
     return bad_file(d.input, "has pictures with cameras, not a volume: name it ", kPicturesPrefix,
                     d.input);
-  if (d.reading.raw && volume.error().choice && std::string_view(volume.error().choice) == "raw")
+  if (reading.raw && volume.error().choice && std::string_view(volume.error().choice) == "raw")
     volume.error().choice = "layout";
   return volume;
 }
 
-Result<LabelTable> styles_of(const SceneDescription& d, const Volume& labels) {
+Result<LabelTable> styles_of(const Recipe& d, const Volume& labels) {
   if (!d.label_table.empty()) return read_label_table(d.label_table);
-  return d.styles.value_or(labels.label_styles);
+  return labels.label_styles;
 }
 
-Result<VolumeParts> read_parts(const SceneDescription& d, const json& built, Readings* kept) {
+Result<VolumeParts> read_parts(const Recipe& d, const json& built, Readings* kept) {
   VolumeParts parts;
   const json recorded = built.value("structures", json::object());
   for (const auto& [member, choice, source, to] :
@@ -217,7 +200,7 @@ Result<VolumeParts> read_parts(const SceneDescription& d, const json& built, Rea
   return parts;
 }
 
-Result<std::unique_ptr<Scene>> volume_scene(const SceneDescription& d, Readings* kept) {
+Result<std::unique_ptr<Scene>> volume_scene(const Recipe& d, Readings* kept) {
   const json built = recorded(d, "volume");
   auto options = SLF_TRY(rays_of(d, built));
   // Read the small files first, so that an error in one is found before a large volume is read.
@@ -266,7 +249,7 @@ Result<std::unique_ptr<Scene>> volume_scene(const SceneDescription& d, Readings*
   std::shared_ptr<const Scene> light_from;
   if (light_of.is_object()) {  // the members that the provenance of the other scene has otherwise
     volume.share();
-    SceneDescription other = d;
+    Recipe other = d;
     other.volume = std::make_shared<const Volume>(volume);
     json patched = built;
     patched.update(light_of);
@@ -296,15 +279,16 @@ Result<std::unique_ptr<Scene>> volume_scene(const SceneDescription& d, Readings*
                       ": choose another, or stretch it to a range");
 }
 
-Result<std::unique_ptr<Scene>> scene_of(const SceneDescription& d, Readings* kept) {
+Result<std::unique_ptr<Scene>> scene_of(const Recipe& d, Readings* kept) {
+  SLF_TRY(recipe::check_applies(d));
   if (d.check) SLF_TRY(d.check(d.files()));
-  if (!d.volume && d.input.starts_with(kScenePrefix)) {
-    SLF_TRY(check_no_volume(d, "an analytic scene"));
-    return make_analytic_scene(std::string_view(d.input).substr(kScenePrefix.size()));
+  switch (recipe::kind_of(d)) {
+    case recipe::kAnalytic:
+      return make_analytic_scene(std::string_view(d.input).substr(kScenePrefix.size()));
+    case recipe::kPictures: return picture_scene(d);
+    case recipe::kMesh: return mesh_scene(d);
+    default: return volume_scene(d, kept);
   }
-  if (!d.volume && d.is_pictures()) return picture_scene(d);
-  if (!d.volume && is_mesh_name(d.input)) return mesh_scene(d);
-  return volume_scene(d, kept);
 }
 
 /// Labels that are one structure.
@@ -313,7 +297,7 @@ struct LabelGroup {
   std::vector<std::int64_t> ids;
 };
 
-Result<std::vector<LabelGroup>> label_groups(const SceneDescription& d, Readings* kept) {
+Result<std::vector<LabelGroup>> label_groups(const Recipe& d, Readings* kept) {
   const VolumeSource& parts = d.labels_volume;
   const auto labels = SLF_TRY(parts.volume          ? Result<Volume>(*parts.volume)
                               : !parts.path.empty() ? read_structure(d, parts.path, kept)
@@ -340,9 +324,9 @@ Result<std::vector<LabelGroup>> label_groups(const SceneDescription& d, Readings
 
 }  // namespace
 
-bool SceneDescription::is_pictures() const { return input.starts_with(kPicturesPrefix); }
+bool Recipe::is_pictures() const { return input.starts_with(kPicturesPrefix); }
 
-std::vector<std::string> SceneDescription::files() const {
+std::vector<std::string> Recipe::files() const {
   return {input,
           transfer_file(transfer),
           labels_volume.path,
@@ -351,31 +335,33 @@ std::vector<std::string> SceneDescription::files() const {
           light_rig,
           environment,
           light_volume.file,
-          depth_cache.value_or("")};
+          depth_cache == "none" ? "" : depth_cache};
 }
 
-Result<Volume> read_volume(const SceneDescription& d) { return volume_of(d, nullptr); }
+Result<Volume> read_volume(const Recipe& d) { return volume_of(d, nullptr); }
 
-Result<PictureSet> read_pictures(const SceneDescription& d) {
+Result<PictureSet> read_pictures(const Recipe& d) {
   auto set = SLF_TRY(read_pictures(d.input.substr(kPicturesPrefix.size())));
   note_all(d, set.source, set.notes);
   return set;
 }
 
-PictureSceneOptions picture_options(const SceneDescription& d, const PictureSet& set) {
+PictureSceneOptions picture_options(const Recipe& d, const PictureSet& set) {
   PictureSceneOptions options = d.pictures;
+  if (d.center && d.radius) options.sphere = Sphere{*d.center, *d.radius};
   if (options.threads == 0) options.threads = d.light_volume.threads;
   if (!options.progress) options.progress = d.light_volume.progress;
   if (d.on_note)
     options.on_note = [on_note = d.on_note, source = set.source](const std::string& text) {
       on_note(source + ": " + text, "depth_cache");
     };
-  if (d.depth_cache)
-    options.depth_cache = d.depth_cache->empty() ? depth_cache_of(set) : *d.depth_cache;
+  // A comparison leaves no file behind, unless it is asked to.
+  if (d.depth_cache != "none" && (d.truth_of.empty() || !d.depth_cache.empty()))
+    options.depth_cache = d.depth_cache.empty() ? depth_cache_of(set) : d.depth_cache;
   return options;
 }
 
-Result<std::unique_ptr<Scene>> make_scene(const SceneDescription& d) {
+Result<std::unique_ptr<Scene>> make_scene(const Recipe& d) {
   return scene_of(d, nullptr);
 }
 
@@ -395,7 +381,7 @@ struct StateScenes::Shared {
   std::shared_ptr<std::set<std::string>> noted = std::make_shared<std::set<std::string>>();
   std::map<std::string, std::pair<std::string, std::string>> lights{};  // by file: state and key
 
-  Result<std::unique_ptr<Scene>> make(SceneDescription d) {
+  Result<std::unique_ptr<Scene>> make(Recipe d) {
     d.raycast.shared = scenes;
     if (d.on_note)
       d.on_note = [once = noted, on_note = d.on_note](const std::string& text, const char* choice) {
@@ -408,11 +394,11 @@ struct StateScenes::Shared {
 StateScenes::StateScenes() : shared_(std::make_unique<Shared>()) {}
 StateScenes::~StateScenes() = default;
 
-Result<void> StateScenes::add(const std::string& name, SceneDescription d,
+Result<void> StateScenes::add(const std::string& name, Recipe d,
                               const std::string& light_from) {
   std::string& file = d.light_volume.file;
   file = name_of_state(file, name);
-  auto scene = SLF_TRY(shared_->make(d));
+  std::shared_ptr<const Scene> scene = SLF_TRY(shared_->make(d));
   if (!light_from.empty()) {
     const auto from = std::ranges::find(made_, light_from, &NamedScene::name);
     if (from == made_.end())
@@ -428,14 +414,17 @@ Result<void> StateScenes::add(const std::string& name, SceneDescription d,
       return fail_without("light_file", ErrorCode::usage, file, ": has the light of state '", other,
                           "'; {state} in its name gives each its own");
   }
-  made_.push_back({name, std::move(scene)});
+  std::string text = recipe::published(d, *scene, light_from);
+  made_.push_back({name, std::move(scene), std::move(text)});
   return {};
 }
 
-Result<std::vector<NamedScene>> make_label_scenes(SceneDescription d) {
+Result<std::vector<NamedScene>> make_label_scenes(Recipe d) {
+  SLF_TRY(recipe::check_applies(d));
   if (d.check) SLF_TRY(d.check(d.files()));
   StateScenes states;
   const auto groups = SLF_TRY(label_groups(d, &states.shared_->readings));
+  const Recipe whole = d;
   for (const LabelGroup& group : groups) {
     d.only_labels = group.ids;
     auto visible = states.shared_->make(d);
@@ -446,7 +435,7 @@ Result<std::vector<NamedScene>> make_label_scenes(SceneDescription d) {
       continue;
     }
     std::shared_ptr<const Scene> scene = SLF_TRY(std::move(visible));
-    states.made_.push_back({group.name, std::move(scene)});
+    states.made_.push_back({group.name, scene, recipe::published(whole, *scene)});
   }
   return std::move(states.made_);
 }

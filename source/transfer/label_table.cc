@@ -295,6 +295,7 @@ Result<LabelTable> parse_label_table(const std::string& bytes, const std::string
 }
 
 Result<LabelTable> read_label_table(const std::string& path) {
+  if (path.starts_with('{')) return parse_json(path, "label table");
   constexpr std::uint64_t kMaxBytes = 16 << 20;
   const auto bytes = SLF_TRY(read_file(path, kMaxBytes));
   return parse_label_table(std::string(chars_of(bytes)), path);

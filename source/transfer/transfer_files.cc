@@ -54,7 +54,7 @@ Result<std::vector<TransferPreset>> read_transfers(const std::string& path) {
 }
 
 std::string transfer_file(const std::string& reference) {
-  if (find_built_in(reference) != nullptr) return {};
+  if (find_built_in(reference) != nullptr || reference.starts_with('{')) return {};
   // A path may itself contain '#': use the longest prefix that is a file.
   std::string path = reference;
   std::error_code ignored;
@@ -68,6 +68,10 @@ std::string transfer_file(const std::string& reference) {
 
 Result<TransferPreset> read_transfer(const std::string& reference) {
   if (const auto* found = find_built_in(reference)) return *found;
+  if (reference.starts_with('{')) {
+    auto presets = SLF_TRY(parse_transfers(reference, "transfer function"));
+    return std::move(presets.front());
+  }
   const std::string path = transfer_file(reference);
   std::error_code ignored;
   if (!std::filesystem::exists(path, ignored) &&

@@ -187,7 +187,7 @@ def main():
         checker = Checker(arguments.slf.resolve(), arguments.schemas, folder)
         pathlib.Path(folder, "v.raw").write_bytes(bytes(range(8)))
         pathlib.Path(folder, "s.json").write_text(json.dumps(STATES))
-        checker.schema("states").validate(STATES)
+        checker.schema("recipe").validate(STATES)
         for line in PREPARE:
             done = checker.run(line)
             if done.returncode != 0:

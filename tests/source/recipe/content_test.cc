@@ -7,7 +7,7 @@
 #include <map>
 #include <nlohmann/json.hpp>
 
-#include "slf/scene_description.h"
+#include "slf/recipe.h"
 #include "tests/source/pictures/samples.h"
 #include "tests/source/volume/dicom_samples.h"
 #include "tests/source/volume/samples.h"
@@ -19,7 +19,7 @@ namespace {
 struct SceneOfFiles {
   std::string changes;
   std::map<std::string, std::string> files;
-  SceneDescription description;  ///< of names in the folder
+  Recipe description;  ///< of names in the folder
   /// The new content; else the last byte changes.
   std::string changed{};
 };
@@ -34,14 +34,14 @@ std::string nrrd_of(char value = 7) {
   return samples::nrrd("type: uint8\ndimension: 3\nsizes: 4 4 4\nencoding: raw\n", voxels(value));
 }
 
-SceneDescription of(std::string input) {
-  SceneDescription d;
+Recipe of(std::string input) {
+  Recipe d;
   d.input = std::move(input);
   return d;
 }
 
-SceneDescription with(const std::function<void(SceneDescription&)>& change) {
-  SceneDescription d = of("v.nrrd");
+Recipe with(const std::function<void(Recipe&)>& change) {
+  Recipe d = of("v.nrrd");
   change(d);
   return d;
 }
@@ -167,7 +167,7 @@ class ContentOfFiles : public PictureScenes {
     write(name, content);
   }
   /// What tells a scene from others, but for names.
-  std::string told(SceneDescription d) const {
+  std::string told(Recipe d) const {
     for (std::string* name : {&d.input, &d.mask.path, &d.labels_volume.path, &d.label_table,
                               &d.transfer, &d.light_rig, &d.environment})
       if (!name->empty()) *name = path(*name);

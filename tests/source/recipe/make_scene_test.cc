@@ -1,4 +1,4 @@
-#include "slf/scene_description.h"
+#include "slf/recipe.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -30,13 +30,13 @@ std::shared_ptr<const Volume> ball() {
   return volume;
 }
 
-SceneDescription description() {
-  SceneDescription d;
+Recipe description() {
+  Recipe d;
   d.volume = ball();
   return d;
 }
 
-nlohmann::json provenance(const SceneDescription& d) {
+nlohmann::json provenance(const Recipe& d) {
   const auto scene = make_scene(d);
   EXPECT_TRUE(scene) << scene.error().message;
   return scene ? nlohmann::json::parse((*scene)->provenance()) : nlohmann::json();
@@ -44,7 +44,7 @@ nlohmann::json provenance(const SceneDescription& d) {
 
 TEST(MakeScene, LightIsGlobalUnlessRaysNeedNone) {
   EXPECT_EQ(provenance(description())["lighting"]["mode"], "global");
-  SceneDescription d = description();
+  Recipe d = description();
   d.ambient = 0.5f;
   EXPECT_EQ(provenance(d)["ambient"], 0.5f);
   EXPECT_FALSE(provenance(d).contains("lighting"));
@@ -55,7 +55,7 @@ TEST(MakeScene, LightIsGlobalUnlessRaysNeedNone) {
 }
 
 TEST(MakeScene, WhatAProvenanceRecordsIsReadBack) {
-  SceneDescription built = description();
+  Recipe built = description();
   built.transfer = "ct-bone";
   built.range = {20, 200};
   built.light_rig = built_in_rigs().back().name;
@@ -66,7 +66,7 @@ TEST(MakeScene, WhatAProvenanceRecordsIsReadBack) {
   built.labels_volume.volume = ball();
   nlohmann::json expected = provenance(built);
 
-  SceneDescription truth = description();
+  Recipe truth = description();
   truth.labels_volume.volume = ball();
   truth.truth_of = expected.dump();
   expected["step"] = 0.5;
@@ -79,7 +79,7 @@ TEST(MakeScene, WhatAProvenanceRecordsIsReadBack) {
 }
 
 TEST(MakeScene, RefusesWhatOnlyVolumesHave) {
-  SceneDescription d;
+  Recipe d;
   d.input = "scene:balls";
   EXPECT_TRUE(make_scene(d));
   d.mask.path = "mask.nii";
@@ -89,7 +89,7 @@ TEST(MakeScene, RefusesWhatOnlyVolumesHave) {
 }
 
 TEST(MakeScene, ChecksFilesBeforeItReadsThem) {
-  SceneDescription d;
+  Recipe d;
   d.input = "missing.nii";
   d.transfer = "missing.json";
   std::vector<std::string> checked;
@@ -102,7 +102,7 @@ TEST(MakeScene, ChecksFilesBeforeItReadsThem) {
 }
 
 /// Two slabs of labels, 1 in front of 2, which is in front of 3, seen from -y.
-SceneDescription slabs() {
+Recipe slabs() {
   auto volume = std::make_shared<Volume>();
   volume->dims = {12, 12, 12};
   volume->labels = true;
@@ -117,7 +117,7 @@ SceneDescription slabs() {
                                                     : y < 7        ? 2
                                                                    : 3));
   }
-  SceneDescription d;
+  Recipe d;
   d.volume = std::move(volume);
   d.raycast.lighting.samples = 4;
   d.light_volume.deferred = true;
@@ -125,7 +125,7 @@ SceneDescription slabs() {
 }
 
 TEST(MakeScene, OnlyLabelsAreShownUnderTheLightOfAll) {
-  SceneDescription d = slabs();
+  Recipe d = slabs();
   const auto all = make_scene(d);
   ASSERT_TRUE(all) << all.error().message;
   d.only_labels = {2, 3};
@@ -152,7 +152,7 @@ TEST(MakeScene, OnlyLabelsAreShownUnderTheLightOfAll) {
   const auto alone = make_scene(d);
   EXPECT_EQ(from_front(**alone).rgba, behind.rgba);
 
-  SceneDescription truth = slabs();
+  Recipe truth = slabs();
   truth.truth_of = (*only)->provenance();
   EXPECT_EQ(provenance(truth)["structures"], provenance(d)["structures"]);
 }
@@ -191,7 +191,7 @@ TEST(MakeScene, ProvenancesOfAnyKindAreReadOrRefused) {
 
 /// A dense ball, whole or cut open at z = 6.
 Result<std::unique_ptr<Scene>> dense_ball(bool cut, const std::string& truth_of = {}) {
-  SceneDescription d = description();
+  Recipe d = description();
   if (truth_of.empty()) {
     d.raycast.lighting.samples = 4;
     d.range = {20, 60};
@@ -237,14 +237,14 @@ TEST(MakeScene, OneLightServesScenesThatAreCut) {
 
 TEST(MakeScene, OneLightServesAMaskedSceneAndTheWhole) {
   const std::shared_ptr<const Scene> whole = std::move(*dense_ball(false));
-  SceneDescription d = description();
+  Recipe d = description();
   d.raycast.lighting.samples = 4;
   d.range = {20, 60};
   d.mask.volume = ball();
   const auto masked = make_scene(d);
   ASSERT_TRUE(masked && (*masked)->share_light(whole));
   ASSERT_TRUE(whole->prepare());
-  SceneDescription truth = description();
+  Recipe truth = description();
   truth.mask = d.mask;
   truth.truth_of = (*masked)->provenance();
   const auto again = make_scene(truth);
@@ -253,7 +253,7 @@ TEST(MakeScene, OneLightServesAMaskedSceneAndTheWhole) {
 }
 
 TEST(MakeScene, RefusesTheLightOfAnUnlikeScene) {
-  const auto refusal = [](const SceneDescription& d, std::shared_ptr<const Scene> from) {
+  const auto refusal = [](const Recipe& d, std::shared_ptr<const Scene> from) {
     const auto scene = make_scene(d);
     EXPECT_TRUE(scene);
     const auto shared = (*scene)->share_light(std::move(from));
@@ -261,7 +261,7 @@ TEST(MakeScene, RefusesTheLightOfAnUnlikeScene) {
   };
   const std::shared_ptr<const Scene> whole = std::move(*dense_ball(false));
   const std::shared_ptr<const Scene> cut = std::move(*dense_ball(true));
-  SceneDescription d = description();
+  Recipe d = description();
   EXPECT_THAT(refusal(d, whole), HasSubstr("but /lighting/samples differs"));
   d.raycast.lighting.samples = 4;
   EXPECT_THAT(refusal(d, whole), HasSubstr("/transfer"));
@@ -272,7 +272,7 @@ TEST(MakeScene, RefusesTheLightOfAnUnlikeScene) {
   EXPECT_THAT(refusal(d, cut), HasSubstr("the light of a third"));
   d.lighting = Lighting::direct;
   EXPECT_THAT(refusal(d, whole), HasSubstr("only volumes under"));
-  d = SceneDescription();
+  d = Recipe();
   d.input = "scene:balls";
   EXPECT_THAT(refusal(d, whole), HasSubstr("only volumes under"));
 }
@@ -290,7 +290,7 @@ std::vector<Bits> views_of(const Scene& scene) {
 }
 
 TEST(MakeScene, PartsHaveTheUnitOfTheVolume) {
-  SceneDescription d = description();
+  Recipe d = description();
   auto volume = std::make_shared<Volume>(*d.volume);
   auto labels = std::make_shared<Volume>(*slabs().volume);
   volume->unit = labels->unit = "\u00b5m";
@@ -310,7 +310,7 @@ TEST(MakeScene, PartsHaveTheUnitOfTheVolume) {
 
 TEST(StateScenes, AreThoseThatAreMadeAlone) {
   for (const ScalarType type : {ScalarType::u8, ScalarType::i32, ScalarType::f32}) {
-    SceneDescription d = description();
+    Recipe d = description();
     auto volume = std::make_shared<Volume>(*d.volume);
     if (type != ScalarType::u8) {  // the one is converted, the other has a value that is replaced
       std::vector<std::byte> wide(4 * volume->voxels.size());
@@ -326,14 +326,14 @@ TEST(StateScenes, AreThoseThatAreMadeAlone) {
     d.volume = volume;
     d.range = {20, 60};
     d.raycast.lighting.samples = 4;
-    SceneDescription cut = d, parts = d, only = d, masked = d;
+    Recipe cut = d, parts = d, only = d, masked = d;
     cut.raycast.clip = {{glm::dvec3(5.5, 5.5, 6), glm::dvec3(0, 0, 1)}};
     parts.labels_volume.volume = slabs().volume;
     only = parts;
     only.only_labels = {1, 3};
     masked.mask.volume = slabs().volume;
     StateScenes states;
-    for (const SceneDescription* one : {&d, &cut, &parts, &only, &masked, &d})
+    for (const Recipe* one : {&d, &cut, &parts, &only, &masked, &d})
       ASSERT_TRUE(states.add("a", *one));
     const std::array all{&d, &cut, &parts, &only, &masked, &d};
     for (std::size_t k = 0; k < all.size(); ++k) {
@@ -355,7 +355,7 @@ TEST(StateScenes, ReadAFileOnce) {
     return nlohmann::json::parse(states.scenes().back().scene->provenance())["content"];
   };
   write(100);
-  SceneDescription d;
+  Recipe d;
   d.input = path;
   d.reading.raw = {{{8, 8, 8}}};
   d.transfer = "ct-bone";
@@ -378,7 +378,7 @@ TEST(StateScenes, ReadAFileOnce) {
 }
 
 TEST(StateScenes, LightOfOneNeedsAnEarlierState) {
-  SceneDescription d = description();
+  Recipe d = description();
   d.raycast.lighting.samples = 4;
   StateScenes states;
   EXPECT_THAT(states.add("a", d, "b").error().message, HasSubstr("no earlier state is named 'b'"));
@@ -388,14 +388,14 @@ TEST(StateScenes, LightOfOneNeedsAnEarlierState) {
 }
 
 TEST(StateScenes, AFileOfLightIsOfOneLight) {
-  SceneDescription d = description();
+  Recipe d = description();
   d.light_volume.file = ::testing::TempDir() + "one.light";
   StateScenes states;
   ASSERT_TRUE(states.add("a", d));
-  SceneDescription brighter = d;
+  Recipe brighter = d;
   brighter.raycast.lighting.tone.exposure = 1;  // which light does not depend on
   EXPECT_TRUE(states.add("b", brighter));
-  SceneDescription other = d;
+  Recipe other = d;
   other.raycast.lighting.samples = 5;
   const auto refused = states.add("c", other);
   ASSERT_FALSE(refused);
@@ -409,7 +409,7 @@ TEST(StateScenes, AFileOfLightIsOfOneLight) {
 }
 
 TEST(StateScenes, ScenesOfOtherLabelsKeepTheirLight) {
-  SceneDescription d = slabs();
+  Recipe d = slabs();
   StateScenes states;
   ASSERT_TRUE(states.add("whole", d));
   d.raycast.clip = {{glm::dvec3(5.5, 5.5, 6), glm::dvec3(0, 0, 1)}};
@@ -419,7 +419,7 @@ TEST(StateScenes, ScenesOfOtherLabelsKeepTheirLight) {
   ASSERT_TRUE(states.add("shared", d, "whole"));
   d.only_labels = {3};
   ASSERT_TRUE(states.add("own, too", d));
-  for (const auto& [name, scene] : states.scenes()) ASSERT_TRUE(scene->prepare());
+  for (const auto& [name, scene, recipe] : states.scenes()) ASSERT_TRUE(scene->prepare());
   const auto light = [&](std::size_t k) { return states.scenes()[k].scene->light(); };
   EXPECT_EQ(light(1), light(3));
   EXPECT_NE(light(1), light(0));
@@ -427,7 +427,7 @@ TEST(StateScenes, ScenesOfOtherLabelsKeepTheirLight) {
 }
 
 TEST(MakeScene, TheLightOfLabelsIsComputedOnce) {
-  SceneDescription d = slabs();
+  Recipe d = slabs();
   int begun = 0;
   std::uint64_t before = 0;
   d.light_volume.threads = 1;
@@ -440,26 +440,26 @@ TEST(MakeScene, TheLightOfLabelsIsComputedOnce) {
   ASSERT_TRUE(scenes);
   ASSERT_EQ(scenes->size(), 2u);
   EXPECT_EQ(begun, 0);  // not before it is needed
-  for (const auto& [name, scene] : *scenes) ASSERT_TRUE(scene->prepare());
+  for (const auto& [name, scene, recipe] : *scenes) ASSERT_TRUE(scene->prepare());
   const int computed = begun;
   EXPECT_GT(computed, 0);
   const auto light = (*scenes)[0].scene->light();
   EXPECT_EQ((*scenes)[1].scene->light(), light);
   const auto again = make_label_scenes(d);
   ASSERT_TRUE(again && (*again)[0].scene->set_light(light));
-  for (const auto& [name, scene] : *again) ASSERT_TRUE(scene->prepare());
+  for (const auto& [name, scene, recipe] : *again) ASSERT_TRUE(scene->prepare());
   EXPECT_EQ(begun, computed);
   for (std::size_t k = 0; k < 2; ++k)
     EXPECT_EQ(views_of(*(*again)[k].scene), views_of(*(*scenes)[k].scene));
 }
 
 TEST(MakeScene, LabelsOfOneNameAreOneStructure) {
-  SceneDescription d = slabs();
+  Recipe d = slabs();
   using Groups = std::vector<std::pair<std::string, std::vector<int>>>;
   const auto groups = [&] {
     Groups out;
     const auto made = make_label_scenes(d);
-    for (const auto& [name, scene] : *made)
+    for (const auto& [name, scene, recipe] : *made)
       out.emplace_back(name, nlohmann::json::parse(scene->provenance())["structures"]["only"]);
     return out;
   };
@@ -467,7 +467,7 @@ TEST(MakeScene, LabelsOfOneNameAreOneStructure) {
   d.only_labels = {3};
   EXPECT_EQ(groups(), (Groups{{"back", {3}}}));
   d.only_labels.clear();
-  d.styles = LabelTable{{1, {"", {}, 0}}, {3, {"third", {}, 1}}};
+  d.label_table = R"({"labels": [{"id": 1, "opacity": 0}, {"id": 3, "name": "third"}]})";
   EXPECT_EQ(groups(), (Groups{{"label 2", {2}}, {"third", {3}}}));
   // What is hidden in the table is so in the picture.
   const auto hidden = make_scene(d);

@@ -1,21 +1,25 @@
-// SceneDescription: a scene as people state it, with the defaults of everything that they leave
-// out. make_scene() turns it into a Scene.
+// Recipe: what is shown, and how, as people state it, with the defaults of everything that they
+// leave out. make_scene() turns it into a Scene.
 //
-//   slf::SceneDescription description;
-//   description.input = "head.nii.gz";
-//   description.transfer = "ct-bone";
-//   auto scene = slf::make_scene(description);
+//   slf::Recipe recipe;
+//   recipe.input = "head.nii.gz";
+//   recipe.transfer = "ct-bone";
+//   auto scene = slf::make_scene(recipe);
 //
-// Scene::provenance() records what was made, and `truth_of` reads such a record back.
+// read_recipe() reads one in JSON (schemas/recipe.json). Scene::provenance() records what was made,
+// and `truth_of` reads such a record back.
 #pragma once
 
 #include <array>
 #include <functional>
 #include <memory>
 #include <optional>
+#include <set>
 #include <string>
+#include <string_view>
 #include <vector>
 
+#include "slf/build.h"
 #include "slf/error.h"
 #include "slf/mesh.h"
 #include "slf/path_tracer.h"
@@ -36,23 +40,36 @@ struct VolumeSource {
   explicit operator bool() const { return volume || !path.empty(); }
 };
 
-/// Errors, and notes of on_note(), name a member as their choice.
-struct SceneDescription {
+/// A state of the object: a recipe that has all that it does not state from another one.
+struct RecipeState {
+  std::string name{};
+  std::string options{};     ///< JSON, of those that differ
+  std::string file{};        ///< that stated it, whose folder their paths begin in
+  std::string light_from{};  ///< an earlier state, whose light it has; empty: its own
+  bool each_time = false;    ///< a state of each time point: "NAME 0", "NAME 1", ...
+};
+
+/// Errors, and notes of on_note(), name an option as their choice.
+struct Recipe {
   /// The path of a volume, or of a mesh if is_mesh_name() says so; "pictures:" and a path for
   /// read_pictures(); or "scene:" and the name of an analytic scene.
   std::string input{};
+  std::set<std::string, std::less<>> stated{};  ///< options that were set by their names
+  std::vector<RecipeState> states{};            ///< none: one, without a name
+  bool each_label = false;                      ///< make_label_scenes() instead
+  bool each_time = false;                       ///< a state of each time point of the input
 
   // Volumes.
   std::shared_ptr<const Volume> volume{};  ///< instead of a file at `input`
-  VolumeOptions reading{};
-  std::string transfer{};  ///< for read_transfer(); empty: default_transfer()
+  VolumeOptions reading{};  ///< but for `raw`
+  RawLayout raw{};          ///< dims of 0: the file states its layout
+  std::string transfer{};   ///< for read_transfer(); empty: default_transfer()
   /// Instead of `transfer`: makes the function for the volume that was read.
   std::function<Result<TransferFunction>(const Volume&)> make_transfer{};
   std::optional<std::array<double, 2>> range{};  ///< of values, to stretch the function to
   /// Parts of the volume, on any grid. A file is read as `reading` says, as far as it applies.
   VolumeSource labels_volume{}, mask{};
-  std::string label_table{};           ///< for read_label_table(); empty: that of `labels_volume`
-  std::optional<LabelTable> styles{};  ///< instead of `label_table`
+  std::string label_table{};  ///< for read_label_table(); empty: that of `labels_volume`
   std::vector<std::int64_t> only_labels{};  ///< VolumeParts::only
 
   // Rays and light, of volumes and meshes.
@@ -69,14 +86,19 @@ struct SceneDescription {
 
   // Pictures. threads and progress are those of `light_volume`, unless stated.
   PictureSceneOptions pictures{};
-  std::optional<std::string> depth_cache{};  ///< none: no file; empty: depth_cache_of() the set
+  std::string depth_cache{};  ///< "none": no file; empty: depth_cache_of() the set
+
+  // The field to build. Its sphere is field_sphere()'s.
+  BuildOptions field{};
+  std::optional<glm::dvec3> center{};
+  std::optional<double> radius{};
 
   /// The provenance of a field to compare with. Rays and light are then those of the field, but for
   /// what `ambient` to `environment` state, and so is the transfer function, unless one is stated.
   /// The step is at most 0.5. Files must be named again.
   std::string truth_of{};
 
-  /// Gets what people should know, and the member that would settle it, or null.
+  /// Gets what people should know, and the option that would settle it, or null.
   std::function<void(const std::string& note, const char* choice)> on_note{};
   /// Gets the files that are read, before they are, and again with all that they name, before
   /// longer work. make_scene() returns its error.
@@ -87,10 +109,17 @@ struct SceneDescription {
   [[nodiscard]] std::vector<std::string> files() const;
 };
 
-/// usage: a member is out of range, does not apply to this kind of scene, or is missing though the
-/// field of `truth_of` was built with it. Else errors as those of the readers, of
+/// Reads a recipe in JSON: what it states, but for what is stated already. Paths in it are relative
+/// to it. Input is untrusted. bad_file: not JSON, an unknown option, a value of another type or out
+/// of range; the message names the place. io: unreadable.
+[[nodiscard]] Result<void> read_recipe(const std::string& path, Recipe& to);
+/// Whether the input is a recipe by its name, which read_recipe() reads: it ends in .json.
+[[nodiscard]] bool is_recipe(std::string_view input);
+
+/// usage: an option is out of range, does not apply to this kind of source, or is missing though
+/// the field of `truth_of` was built with it. Else errors as those of the readers, of
 /// Raycaster::make(), MeshScene::make(), make_picture_scene() and make_analytic_scene().
-[[nodiscard]] Result<std::unique_ptr<Scene>> make_scene(const SceneDescription& description);
+[[nodiscard]] Result<std::unique_ptr<Scene>> make_scene(const Recipe& description);
 
 /// The path with {state} replaced by the name of a state, whose slashes and control characters
 /// become underscores.
@@ -100,6 +129,7 @@ struct SceneDescription {
 struct NamedScene {
   std::string name;
   std::shared_ptr<const Scene> scene;
+  std::string recipe{};  ///< JSON of what the recipe states of it
 };
 
 /// Makes the scenes of states, which share what is equal: a volume that several name, with equal
@@ -117,7 +147,7 @@ class StateScenes {
   /// stands for `name`. usage: there is no such state; the file has another state's light, which
   /// differs. Else errors as make_scene() and Scene::share_light(). After an error all is as
   /// before.
-  [[nodiscard]] Result<void> add(const std::string& name, SceneDescription description,
+  [[nodiscard]] Result<void> add(const std::string& name, Recipe description,
                                  const std::string& light_from = {});
   [[nodiscard]] const std::vector<NamedScene>& scenes() const { return made_; }
 
@@ -125,21 +155,30 @@ class StateScenes {
   struct Shared;
   std::unique_ptr<Shared> shared_;
   std::vector<NamedScene> made_;
-  friend Result<std::vector<NamedScene>> make_label_scenes(SceneDescription description);
+  friend Result<std::vector<NamedScene>> make_label_scenes(Recipe description);
 };
 
 /// A scene for each visible structure of the labels, or of those in `only_labels`, by their least
 /// ids: labels of one name, or one without a name. It shows the structure alone under the light of
 /// all: what is hidden keeps its shadows. The first to prepare() computes that light, and any
 /// set_light() sets it. usage: no structure is visible. Else errors as make_scene().
-[[nodiscard]] Result<std::vector<NamedScene>> make_label_scenes(SceneDescription description);
+[[nodiscard]] Result<std::vector<NamedScene>> make_label_scenes(Recipe description);
+
+/// The scenes of all states of a recipe, or one without a name. Errors as StateScenes::add(),
+/// make_label_scenes() and make_scene(); the message names the state.
+[[nodiscard]] Result<std::vector<NamedScene>> make_scenes(const Recipe& recipe);
+
+/// For build_field(). They must not outlive the scenes.
+[[nodiscard]] std::vector<FieldState> field_states(const std::vector<NamedScene>& scenes);
+/// The sphere of the field: around what is visible in any state, but for what the recipe states.
+[[nodiscard]] Sphere field_sphere(const Recipe& recipe, std::span<const FieldState> states);
 
 /// The volume at `input`. Errors as read_volume(path, options), and bad_file for what has cameras.
-[[nodiscard]] Result<Volume> read_volume(const SceneDescription& description);
+[[nodiscard]] Result<Volume> read_volume(const Recipe& description);
 /// The cameras of pictures. REQUIRES: is_pictures().
-[[nodiscard]] Result<PictureSet> read_pictures(const SceneDescription& description);
+[[nodiscard]] Result<PictureSet> read_pictures(const Recipe& description);
 /// The options of make_picture_scene() for this set.
-[[nodiscard]] PictureSceneOptions picture_options(const SceneDescription& description,
+[[nodiscard]] PictureSceneOptions picture_options(const Recipe& description,
                                                   const PictureSet& set);
 
 /// What on_note() says of a volume for which looks_like_labels() holds.
