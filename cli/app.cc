@@ -71,6 +71,35 @@ const CLI::Option* option_of(const CLI::App& command, const std::string& message
   return found;
 }
 
+/// --help without rare options and those of other kinds of sources, which --help-all has.
+class BriefFormatter : public CLI::Formatter {
+ public:
+  std::string make_help(const CLI::App* app, std::string name,
+                        CLI::AppFormatMode mode) const override {
+    const CLI::Option* const input = app->get_option_no_throw("INPUT");
+    Recipe recipe;
+    if (input && !input->results().empty()) recipe.input = input->results().front();
+    kinds_ = mode == CLI::AppFormatMode::All ? 0
+             : recipe.input.empty() || is_recipe(recipe.input)
+                 ? unsigned{recipe::kAny}
+                 : unsigned{recipe::kind_of(recipe)};
+    return CLI::Formatter::make_help(app, name, mode);
+  }
+
+  std::string make_group(std::string group, bool is_positional,
+                         std::vector<const CLI::Option*> options) const override {
+    if (kinds_ != 0)
+      std::erase_if(options, [&](const CLI::Option* option) {
+        const recipe::Option* const row = row_of(*option);
+        return row && (row->rare || !(row->kinds & kinds_));
+      });
+    return options.empty() ? "" : CLI::Formatter::make_group(group, is_positional, options);
+  }
+
+ private:
+  mutable unsigned kinds_ = 0;  // of the help under way; 0: everything
+};
+
 void add_help(CLI::App& app, Run& run) {
   auto* command = app.add_subcommand("help", "The help of a command, or of slf");
   auto name = std::make_shared<std::string>();
@@ -97,6 +126,8 @@ std::unique_ptr<CLI::App> make_app(Run& run) {
       "slf");
   app->footer(kFooter);
   app->option_defaults()->always_capture_default();
+  app->formatter(std::make_shared<BriefFormatter>());
+  app->set_help_all_flag("--help-all", "Print all options and exit");
   app->set_version_flag("--version", std::string("slf ") + SLF_VERSION);
   app->add_flag("-q,--quiet", quiet, "No progress and no notes");
   app->add_option("--progress", progress_style,

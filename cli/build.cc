@@ -64,6 +64,13 @@ void add_build(CLI::App& app, Run& run) {
   add_number(*command, "--commit-every", options.commit_seconds,
              "Seconds between commits; killing the build loses at most this much work",
              kNotNegative);
+  command->footer(R"(
+Examples:
+  slf build head.nii.gz -o head.slf --transfer ct-bone --finest-level 1
+  slf build skull.glb -o skull.slf --light-rig rim
+  slf build pictures:photos -o vase.slf --color-type u8
+--help-all has all options; an input before --help leaves out those of other kinds of sources.
+`slf --help` lists the exit codes.)");
 }
 
 }  // namespace slf::cli

@@ -325,6 +325,9 @@ struct SourceArguments : Recipe {
   [[nodiscard]] Result<void> finish(unsigned threads, OnSignal on_signal);
 };
 
+/// The row of the table that an option of a command is made of; null: another option.
+[[nodiscard]] const recipe::Option* row_of(const CLI::Option& option);
+
 /// Makes `work` with its arguments what the command runs. Returns the command, and the arguments,
 /// to which its options write.
 template <class Arguments>

@@ -25,7 +25,8 @@ nlohmann::json recipe_json(const Field& field) {
   };
   const auto states = field.states();
   const Field first = states.empty() ? field : *field.in_state(0);
-  nlohmann::json recipe = recipe_of(first);
+  const nlohmann::json common = recipe_of(first);
+  nlohmann::json recipe = common;
   recipe.update({{"entry", shape.entry_side},
                  {"exit", shape.exit_side},
                  {"finest_level", shape.levels},
@@ -36,10 +37,10 @@ nlohmann::json recipe_json(const Field& field) {
   if (recipe.contains("each_label") || recipe.contains("each_time")) return recipe;
   for (std::size_t k = 0; k < states.size(); ++k) {
     nlohmann::json own = recipe_of(*field.in_state(static_cast<unsigned>(k))), state;
-    for (const auto& [option, value] : recipe_of(first).items())
+    for (const auto& [option, value] : common.items())
       if (!own.contains(option)) state[option] = nullptr;
     for (const auto& [option, value] : own.items())
-      if (recipe.value(option, nlohmann::json()) != value) state[option] = value;
+      if (common.value(option, nlohmann::json()) != value) state[option] = value;
     state["name"] = states[k];
     if (own.value("time", nlohmann::json()) == "all") {  // "NAME 0" stands for all times
       const std::size_t space = states[k].rfind(' ');

@@ -28,6 +28,11 @@ std::string help_on_command_line(const recipe::Option& option) {
   return filled(help, kHelpWidth);
 }
 
+std::map<const CLI::Option*, const recipe::Option*>& rows() {
+  static std::map<const CLI::Option*, const recipe::Option*> all;
+  return all;
+}
+
 void add_option(CLI::App& command, const recipe::Option& option, Recipe& to) {
   const OptionGroup group(command, option.group);
   const auto set = [&option, &to](const nlohmann::json& value) {
@@ -38,7 +43,8 @@ void add_option(CLI::App& command, const recipe::Option& option, Recipe& to) {
   std::string names = option.negative ? option.negative : option_name(option.name);
   if (option.former) names += "," + option_name(option.former);
   if (option.type.form == recipe::Type::Form::flag) {
-    command.add_flag_callback(names, [=, on = !option.negative] { set(on); }, help);
+    rows()[command.add_flag_callback(names, [=, on = !option.negative] { set(on); }, help)] =
+        &option;
     return;
   }
   auto* added = command.add_option_function<std::vector<std::string>>(
@@ -56,6 +62,7 @@ void add_option(CLI::App& command, const recipe::Option& option, Recipe& to) {
         set(value);
       },
       help);
+  rows()[added] = &option;
   const bool repeats = option.type.form == recipe::Type::Form::planes;
   added->expected(1, repeats ? 64 : 1)->allow_extra_args(false)->type_name(type_name(option.type));
   added->check(CLI::Validator(
@@ -68,6 +75,11 @@ void add_option(CLI::App& command, const recipe::Option& option, Recipe& to) {
 }
 
 }  // namespace
+
+const recipe::Option* row_of(const CLI::Option& option) {
+  const auto found = rows().find(&option);
+  return found == rows().end() ? nullptr : found->second;
+}
 
 SourceArguments::SourceArguments() {
   on_note = [](const std::string& text, const char* choice) {

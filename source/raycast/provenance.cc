@@ -2,6 +2,7 @@
 
 #include <xxhash.h>
 
+#include <algorithm>
 #include <iomanip>
 #include <nlohmann/json.hpp>
 #include <sstream>
@@ -14,9 +15,10 @@ namespace {
 
 using nlohmann::json;
 
-constexpr const char* kProjections[] = {"none", "mip", "minip", "mean"};
-constexpr const char* kModes[] = {"direct", "shadowed", "global"};
-constexpr const char* kCurves[] = {"neutral", "srgb", "none"};
+template <class T, std::size_t N>
+const char* name_of(T value, const Named<T> (&names)[N]) {
+  return std::ranges::find(names, value, &Named<T>::second)->first;
+}
 
 std::string hash(const Image& picture) {
   const XXH64_hash_t seed = std::uint64_t{picture.width} << 32 | picture.height;
@@ -27,7 +29,7 @@ std::string hash(const Image& picture) {
 }
 
 json describe(const LightOptions& options) {
-  json out{{"mode", kModes[static_cast<int>(options.mode)]},
+  json out{{"mode", name_of(options.mode, kLightings)},
            {"rig", json::parse(to_json(options.rig))},
            {"samples", options.samples},
            {"bounces", options.bounces},
@@ -42,7 +44,7 @@ json describe(const LightOptions& options) {
   }
   if (!options.linear)
     out["tone"] = {{"exposure", options.tone.exposure},
-                   {"curve", kCurves[static_cast<int>(options.tone.curve)]}};
+                   {"curve", name_of(options.tone.curve, kToneCurves)}};
   return out;
 }
 
@@ -54,16 +56,16 @@ void number(const json& object, const char* name, T& to) {
 
 /// The value with this name, or `otherwise`.
 template <class T, std::size_t N>
-T choice(const json& object, const char* member, const char* const (&names)[N], T otherwise) {
+T choice(const json& object, const char* member, const Named<T> (&names)[N], T otherwise) {
   const auto found = object.find(member);
-  for (std::size_t k = 0; found != object.end() && k < N; ++k)
-    if (*found == names[k]) return static_cast<T>(k);
+  for (const auto& [name, value] : names)
+    if (found != object.end() && *found == name) return value;
   return otherwise;
 }
 
 LightOptions light_options(const json& from) {
   LightOptions options;
-  options.mode = choice(from, "mode", kModes, options.mode);
+  options.mode = choice(from, "mode", kLightings, options.mode);
   if (const auto rig = from.find("rig"); rig != from.end())
     if (auto parsed = parse_rig(rig->dump(), "provenance")) options.rig = std::move(*parsed);
   number(from, "samples", options.samples);
@@ -76,7 +78,7 @@ LightOptions light_options(const json& from) {
     options.linear = linear->get<bool>();
   if (const auto tone = from.find("tone"); tone != from.end() && tone->is_object()) {
     number(*tone, "exposure", options.tone.exposure);
-    options.tone.curve = choice(*tone, "curve", kCurves, options.tone.curve);
+    options.tone.curve = choice(*tone, "curve", kToneCurves, options.tone.curve);
   }
   return options;
 }
@@ -108,7 +110,7 @@ std::string describe(const Volume& volume, const TransferFunction& transfer,
   if (!volume.unit.empty()) out["unit"] = volume.unit;
   if (volume.patient_axes) out["space"] = "LPS";
   if (options.projection != Projection::none)
-    out["projection"] = kProjections[static_cast<std::size_t>(options.projection)];
+    out["projection"] = name_of(options.projection, kProjections);
   for (const auto& [point, normal] : options.clip)
     out["clip"].push_back({point.x, point.y, point.z, normal.x, normal.y, normal.z});
   out.update(describe_shading(options.shade, options.light, options.ambient, options.lighting));

@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "base/join.h"
+#include "source/raycast/provenance.h"
 
 namespace slf::recipe {
 namespace {
@@ -16,10 +17,8 @@ using Form = Type::Form;
 // ---- members as JSON ----------------------------------------------------------------------------
 
 template <class T>
-  requires std::is_arithmetic_v<T>
-void put(T& to, const json& value) {
-  to = value.get<T>();
-}
+requires std::is_arithmetic_v<T>
+void put(T& to, const json& value) { to = value.get<T>(); }
 void put(std::string& to, const json& value) {
   to = value.is_object() ? value.dump() : value.get<std::string>();
 }
@@ -79,10 +78,7 @@ json value_of(float number) {
   return std::strtod(text.data(), nullptr);
 }
 template <class T>
-  requires std::is_arithmetic_v<T>
-json value_of(T number) {
-  return number;
-}
+requires std::is_arithmetic_v<T> json value_of(T number) { return number; }
 template <class T, std::size_t N>
 json value_of(const std::array<T, N>& values) {
   return values == std::array<T, N>{} ? json() : json(values);
@@ -174,8 +170,8 @@ std::vector<Option> make_options() {
       kMeshes{"Mesh", kMesh, Use::reading}, kRays{"Light", kVolume, Use::view},
       kLight{"Light", kVolume | kMesh, Use::view}, kLightData{"Light", kVolume | kMesh, Use::data},
       kOfPictures{"Pictures", kPictures, Use::data}, kTruth{"Reference", kVolume, Use::truth},
-      kField{"Field", kAny, Use::field},
-      kFrame{"Field", kAny, Use::frame}, kStates{"Field", kVolume, Use::frame};
+      kField{"Field", kAny, Use::field}, kFrame{"Field", kAny, Use::frame},
+      kStates{"Field", kVolume, Use::frame};
   Type ids{Form::wholes, "ID,...", -0x1p63, 0x1p63, false, 0};
   Type box{Form::box, "X:X,Y:Y,Z:Z"};
   Type planes{Form::planes, "X,Y,Z,NX,NY,NZ", -kMaxLength, kMaxLength};
@@ -184,189 +180,229 @@ std::vector<Option> make_options() {
     scalar.names.push_back(name(static_cast<ScalarType>(k)));
   std::vector<Option> all;
   const auto add = [&](Option option) -> Option& { return all.emplace_back(std::move(option)); };
+  const auto add_rare = [&](Option option) -> Option& {
+    option.rare = true;
+    return add(std::move(option));
+  };
 
-  add(row("input", {"Input", kAny, Use::input}, kFile,
-          "A volume, a DICOM folder, a mesh, pictures:FOLDER, pictures:JSON or scene:NAME",
-          [](auto& r) -> auto& { return r.input; }));
+  add(row(
+      "input", {"Input", kAny, Use::input}, kFile,
+      "A volume, a DICOM folder, a mesh, pictures:FOLDER, pictures:JSON or scene:NAME",
+      [](auto& r) -> auto& { return r.input; }));
 
   // Volumes.
-  add(row("transfer", kData, kFile,
-          "Transfer function: a built-in name (see `slf transfer`), or a file of ParaView, 3D Slicer "
-          "or MRIcroGL; FILE#NAME for one of several; default: made from the histogram",
-          [](auto& r) -> auto& { return r.transfer; }));
-  add(row("range", kData, numbers("LO,HI", 2, -1e300, 1e300),
-          "Stretch the transfer function to these values of the volume",
-          [](auto& r) -> auto& { return r.range; }));
-  add(row("labels_volume", kData, kFile,
-          "Label volume: each label gets a colour; on another grid it is resampled by world position "
-          "(nearest voxel)",
-          [](auto& r) -> auto& { return r.labels_volume; }));
-  add(row("label_table", kData, kFile,
-          "Colour and opacity by id: a table of ITK-SNAP, 3D Slicer (.ctbl, .csv) or FreeSurfer, or "
-          "JSON; for {labels_volume} or {labels}",
-          [](auto& r) -> auto& { return r.label_table; }));
-  add(row("only_labels", kData, ids,
-          "Show these labels alone, by id; what is hidden keeps its shadows",
-          [](auto& r) -> auto& { return r.only_labels; }));
-  add(row("mask", kData, kFile, "Show the volume only where this mask is not 0",
-          [](auto& r) -> auto& { return r.mask; }));
-  add(row("clip", kData, planes,
-          "Remove what lies beyond a plane (world): on the side of X,Y,Z that the normal points to; "
-          "may be repeated",
-          [](auto& r) -> auto& { return r.raycast.clip; }));
-  add(flag("labels", kReading, "Voxels are labels: nearest sampling, a colour for each label",
-           [](auto& r) -> auto& { return r.reading.labels; }))
+  add(row(
+      "transfer", kData, kFile,
+      "Transfer function: a built-in name (see `slf transfer`), or a file of ParaView, 3D Slicer "
+      "or MRIcroGL; FILE#NAME for one of several; default: made from the histogram",
+      [](auto& r) -> auto& { return r.transfer; }));
+  add(row(
+      "range", kData, numbers("LO,HI", 2, -1e300, 1e300),
+      "Stretch the transfer function to these values of the volume",
+      [](auto& r) -> auto& { return r.range; }));
+  add(row(
+      "labels_volume", kData, kFile,
+      "Label volume: each label gets a colour; on another grid it is resampled by world position "
+      "(nearest voxel)",
+      [](auto& r) -> auto& { return r.labels_volume; }));
+  add(row(
+      "label_table", kData, kFile,
+      "Colour and opacity by id: a table of ITK-SNAP, 3D Slicer (.ctbl, .csv) or FreeSurfer, or "
+      "JSON; for {labels_volume} or {labels}",
+      [](auto& r) -> auto& { return r.label_table; }));
+  add_rare(row(
+      "only_labels", kData, ids, "Show these labels alone, by id; what is hidden keeps its shadows",
+      [](auto& r) -> auto& { return r.only_labels; }));
+  add(row(
+      "mask", kData, kFile, "Show the volume only where this mask is not 0",
+      [](auto& r) -> auto& { return r.mask; }));
+  add(row(
+      "clip", kData, planes,
+      "Remove what lies beyond a plane (world): on the side of X,Y,Z that the normal points to; "
+      "may be repeated",
+      [](auto& r) -> auto& { return r.raycast.clip; }));
+  add(flag(
+          "labels", kReading, "Voxels are labels: nearest sampling, a colour for each label",
+          [](auto& r) -> auto& { return r.reading.labels; }))
       .in_memory = true;
-  add(row("dims", kReading, {Form::wholes, "NXxNYxNZ", 1, kMaxCount, false, 3, 'x'},
-          "Raw files: voxels along x, y, z, as 128x128x84",
-          [](auto& r) -> auto& { return r.raw.dims; }));
-  add(row("type", kReading, scalar, "Raw files: type of a voxel",
+  add(row(
+      "dims", kReading, {Form::wholes, "NXxNYxNZ", 1, kMaxCount, false, 3, 'x'},
+      "Raw files: voxels along x, y, z, as 128x128x84",
+      [](auto& r) -> auto& { return r.raw.dims; }));
+  add(row(
+          "type", kReading, scalar, "Raw files: type of a voxel",
           [](auto& r) -> auto& { return r.raw.type; }))
       .needs = "dims";
-  add(row("spacing", kReading, numbers("DXxDYxDZ", 3, kMinLength, kMaxLength, 'x'),
-          "Distance between voxels; default: what the file says, or 1",
-          [](auto& r) -> auto& { return r.reading.spacing; }));
-  add(row("component", kReading, whole(0, kMaxCount),
-          "Component of each voxel (RGB, channels) to read, from 0",
-          [](auto& r) -> auto& { return r.reading.component; }));
-  add(row("time", kReading, whole(0, kMaxCount), "Time point of a file or series to read, from 0",
-          [](auto& r) -> auto& { return r.reading.time; }));
-  add(row("array", kReading, {Form::text, "NAME"},
-          "Array of a VTI file, or image of an OME-TIFF, to read: its name",
-          [](auto& r) -> auto& { return r.reading.array; }));
-  add(row("series", kReading, {Form::text, "ID"},
-          "DICOM series of a folder to read: its number or UID, as `slf info` lists them",
-          [](auto& r) -> auto& { return r.reading.series; }));
-  add(flag("resample", kReading,
-           "Resample DICOM slices that are not evenly spaced, to the smallest distance",
-           [](auto& r) -> auto& { return r.reading.resample; }));
-  add(row("crop", kReading, box, "Keep these voxels only: half-open ranges, as 10:200,:,50:",
-          [](auto& r) -> auto& { return r.reading.crop; }));
-  add(choice<bool>("endian", kReading, {{"little", false}, {"big", true}},
-                   "Raw files: order of a voxel's bytes",
-                   [](auto& r) -> auto& { return r.raw.big_endian; }))
+  add(row(
+      "spacing", kReading, numbers("DXxDYxDZ", 3, kMinLength, kMaxLength, 'x'),
+      "Distance between voxels; default: what the file says, or 1",
+      [](auto& r) -> auto& { return r.reading.spacing; }));
+  add_rare(row(
+      "component", kReading, whole(0, kMaxCount),
+      "Component of each voxel (RGB, channels) to read, from 0",
+      [](auto& r) -> auto& { return r.reading.component; }));
+  add_rare(row(
+      "time", kReading, whole(0, kMaxCount), "Time point of a file or series to read, from 0",
+      [](auto& r) -> auto& { return r.reading.time; }));
+  add_rare(row(
+      "array", kReading, {Form::text, "NAME"},
+      "Array of a VTI file, or image of an OME-TIFF, to read: its name",
+      [](auto& r) -> auto& { return r.reading.array; }));
+  add_rare(row(
+      "series", kReading, {Form::text, "ID"},
+      "DICOM series of a folder to read: its number or UID, as `slf info` lists them",
+      [](auto& r) -> auto& { return r.reading.series; }));
+  add_rare(flag(
+      "resample", kReading,
+      "Resample DICOM slices that are not evenly spaced, to the smallest distance",
+      [](auto& r) -> auto& { return r.reading.resample; }));
+  add_rare(row(
+      "crop", kReading, box, "Keep these voxels only: half-open ranges, as 10:200,:,50:", [
+      ](auto& r) -> auto& { return r.reading.crop; }));
+  add_rare(choice<bool>(
+               "endian", kReading, {{"little", false}, {"big", true}},
+               "Raw files: order of a voxel's bytes",
+               [](auto& r) -> auto& { return r.raw.big_endian; }))
       .needs = "dims";
-  add(row("offset", kReading, whole(0, 0x1p53), "Raw files: bytes before the first voxel",
-          [](auto& r) -> auto& { return r.raw.offset; }))
+  add_rare(row(
+               "offset", kReading, whole(0, 0x1p53), "Raw files: bytes before the first voxel",
+               [](auto& r) -> auto& { return r.raw.offset; }))
       .needs = "dims";
 
   // Meshes.
-  add(choice<UpAxis>("up_axis", kMeshes, {{"y", UpAxis::y}, {"z", UpAxis::z}},
-                     "Axis of a mesh's file that becomes +z, up; the y axis is the default for glTF "
-                     "and OBJ, z for PLY and STL",
-                     [](auto& r) -> auto& { return r.up_axis; }));
+  add(choice<UpAxis>(
+      "up_axis", kMeshes, {{"y", UpAxis::y}, {"z", UpAxis::z}},
+      "Axis of a mesh's file that becomes +z, up; the y axis is the default for glTF "
+      "and OBJ, z for PLY and STL",
+      [](auto& r) -> auto& { return r.up_axis; }));
 
   // Rays and light.
-  add(row("step", kRays, above(0.01, 100),
-          "Longest part of a ray that is one sample, in smallest voxel spacings; at most one cell of "
-          "the volume",
-          [](auto& r) -> auto& { return r.raycast.step; }));
-  add(choice<Projection>("projection", kRays,
-                         {{"mip", Projection::maximum},
-                          {"minip", Projection::minimum},
-                          {"mean", Projection::mean}},
-                         "Show one value of each ray, unlit: the greatest (mip), the least (minip) or "
-                         "the mean of those with opacity",
-                         [](auto& r) -> auto& { return r.raycast.projection; }))
+  add_rare(row(
+      "step", kRays, above(0.01, 100),
+      "Longest part of a ray that is one sample, in smallest voxel spacings; at most one cell of "
+      "the volume",
+      [](auto& r) -> auto& { return r.raycast.step; }));
+  add_rare(choice<Projection>(
+               "projection", kRays, {std::begin(kProjections), std::end(kProjections)},
+               "Show one value of each ray, unlit: the greatest (mip), the least (minip) or "
+               "the mean of those with opacity",
+               [](auto& r) -> auto& { return r.raycast.projection; }))
       .excludes = "lighting";
-  add(row("light", kLight, kPosition,
-          "World direction towards the light (LPS); default: above, in front, to the patient's right",
-          [](auto& r) -> auto& { return r.light; }));
-  add(row("ambient", kLight, number(0, 1),
-          "Ambient share of the shading, 0 to 1; implies {lighting} direct",
-          [](auto& r) -> auto& { return r.ambient; }))
+  add(row(
+      "light", kLight, kPosition,
+      "World direction towards the light (LPS); default: above, in front, to the patient's right",
+      [](auto& r) -> auto& { return r.light; }));
+  add_rare(row(
+               "ambient", kLight, number(0, 1),
+               "Ambient share of the shading, 0 to 1; implies {lighting} direct",
+               [](auto& r) -> auto& { return r.ambient; }))
       .otherwise = "0.3";
-  add(flag("shade", kLight,
-           "Colours as in the transfer function, unlit; implies {lighting} direct",
-           [](auto& r) -> auto& { return r.raycast.shade; }))
+  add_rare(flag(
+               "shade", kLight,
+               "Colours as in the transfer function, unlit; implies {lighting} direct",
+               [](auto& r) -> auto& { return r.raycast.shade; }))
       .negative = "--no-shade";
   Option& mode = add(choice<std::optional<Lighting>>(
-      "lighting", kLight,
-      {{"direct", Lighting::direct},
-       {"shadowed", Lighting::shadowed},
-       {"global", Lighting::global}},
+      "lighting", kLight, {std::begin(kLightings), std::end(kLightings)},
       "global: a rig of lights and its surroundings, with shadows and scattered light; shadowed: "
       "without scattered light; direct: one light without shadows, which needs no light volume",
       [](auto& r) -> auto& { return r.lighting; }));
   mode.otherwise = "global";
   mode.excludes = "projection";
-  add(row("light_rig", kLight, kFile,
+  add(row(
+          "light_rig", kLight, kFile,
           "Lights and sky of shadowed and global light: " +
               joined(built_in_rigs(), ", ", &LightRig::name) + ", or a JSON file",
           [](auto& r) -> auto& { return r.light_rig; }))
       .otherwise = built_in_rigs().front().name;
-  add(row("environment", kLightData, kFile,
-          "Picture that surrounds the volume instead of the rig's sky: latitude-longitude OpenEXR or "
-          "Radiance HDR, up being +z and the middle the front",
-          [](auto& r) -> auto& { return r.environment; }));
-  add(row("environment_gain", kLight, number(0, 1e6),
-          "Factor of the environment picture's radiance",
-          [](auto& r) -> auto& { return r.raycast.lighting.environment_gain; }));
-  add(row("light_samples", kLight, whole(1, 65536),
-          "Paths of light per node of the light volume: more take longer and leave less noise",
-          [](auto& r) -> auto& { return r.raycast.lighting.samples; }));
-  add(row("light_bounces", kLight, whole(0, 1000),
-          "Maximum number of scattering events of a path (global)",
-          [](auto& r) -> auto& { return r.raycast.lighting.bounces; }));
-  add(row("light_spacing", kLight, number(0.5, 16),
-          "Distance between nodes of the light volume, in voxels",
-          [](auto& r) -> auto& { return r.raycast.lighting.spacing; }));
-  add(row("light_memory", kLight, kBytes,
-          "Memory limit for computing the light volume; if it does not suffice, nodes are further "
-          "apart",
-          [](auto& r) -> auto& { return r.raycast.lighting.memory; }));
-  add(row("light_seed", kLight, whole(0, 0x1p63), "Random seed",
-          [](auto& r) -> auto& { return r.raycast.lighting.seed; }));
-  Option& kept = add(row("light_file", kLightData, kFile,
-                         "Keep the light volume in this file, and read it from there if it is the "
-                         "same; of states, {state} in its name stands for theirs",
-                         [](auto& r) -> auto& { return r.light_volume.file; }));
+  add(row(
+      "environment", kLightData, kFile,
+      "Picture that surrounds the volume instead of the rig's sky: latitude-longitude OpenEXR or "
+      "Radiance HDR, up being +z and the middle the front",
+      [](auto& r) -> auto& { return r.environment; }));
+  add_rare(row(
+      "environment_gain", kLight, number(0, 1e6), "Factor of the environment picture's radiance",
+      [](auto& r) -> auto& { return r.raycast.lighting.environment_gain; }));
+  add_rare(row(
+      "light_samples", kLight, whole(1, 65536),
+      "Paths of light per node of the light volume: more take longer and leave less noise",
+      [](auto& r) -> auto& { return r.raycast.lighting.samples; }));
+  add_rare(row(
+      "light_bounces", kLight, whole(0, 1000),
+      "Maximum number of scattering events of a path (global)",
+      [](auto& r) -> auto& { return r.raycast.lighting.bounces; }));
+  add_rare(row(
+      "light_spacing", kLight, number(0.5, 16),
+      "Distance between nodes of the light volume, in voxels",
+      [](auto& r) -> auto& { return r.raycast.lighting.spacing; }));
+  add_rare(row(
+      "light_memory", kLight, kBytes,
+      "Memory limit for computing the light volume; if it does not suffice, nodes are further "
+      "apart",
+      [](auto& r) -> auto& { return r.raycast.lighting.memory; }));
+  add_rare(row(
+      "light_seed", kLight, whole(0, 0x1p63), "Random seed",
+      [](auto& r) -> auto& { return r.raycast.lighting.seed; }));
+  Option& kept = add_rare(row(
+      "light_file", kLightData, kFile,
+      "Keep the light volume in this file, and read it from there if it is the "
+      "same; of states, {state} in its name stands for theirs",
+      [](auto& r) -> auto& { return r.light_volume.file; }));
   kept.kinds = kVolume;
-  add(row("exposure", kLight, number(-20, 20),
-          "Exposure of shadowed or global light, in photographic stops",
-          [](auto& r) -> auto& { return r.raycast.lighting.tone.exposure; }));
-  add(choice<ToneCurve>(
-      "tonemap", kLight,
-      {{"neutral", ToneCurve::neutral}, {"srgb", ToneCurve::srgb}, {"none", ToneCurve::none}},
+  add(row(
+      "exposure", kLight, number(-20, 20),
+      "Exposure of shadowed or global light, in photographic stops",
+      [](auto& r) -> auto& { return r.raycast.lighting.tone.exposure; }));
+  add_rare(choice<ToneCurve>(
+      "tonemap", kLight, {std::begin(kToneCurves), std::end(kToneCurves)},
       "Tone curve from radiance to colours: neutral compresses highlights, srgb clips them, none "
       "keeps linear radiance",
       [](auto& r) -> auto& { return r.raycast.lighting.tone.curve; }));
-  add(flag("reference", kTruth, "Path tracing instead of the light volume: unbiased, slow",
-           [](auto& r) -> auto& { return r.reference; }));
-  add(row("samples", kTruth, whole(1, 1 << 24), "Paths per ray",
-          [](auto& r) -> auto& { return r.paths.samples; }))
+  add(flag(
+      "reference", kTruth, "Path tracing instead of the light volume: unbiased, slow",
+      [](auto& r) -> auto& { return r.reference; }));
+  add_rare(row(
+               "samples", kTruth, whole(1, 1 << 24), "Paths per ray",
+               [](auto& r) -> auto& { return r.paths.samples; }))
       .needs = "reference";
 
   // Pictures.
-  add(choice<DepthKind>("depth_kind", kOfPictures,
-                        {{"z", DepthKind::z},
-                         {"ray", DepthKind::ray},
-                         {"inverse", DepthKind::inverse},
-                         {"none", DepthKind::none}},
-                        "What the pictures' depths mean: distance along the axis (z) or from the eye "
-                        "(ray), or 1/z (inverse); none: neither use nor estimate depths; default: z "
-                        "or ray, found by comparing pictures",
-                        [](auto& r) -> auto& { return r.pictures.depth; }));
-  add(row("depth_scale", kOfPictures, number(kMinLength, kMaxLength),
-          "World units of one unit in depth pictures, as 0.001",
-          [](auto& r) -> auto& { return r.pictures.depth_scale; }));
-  add(row("holdout", kOfPictures, whole(2, 1000000),
-          "Leave out every N-th picture, from the first on, for `slf evaluate`",
-          [](auto& r) -> auto& { return r.pictures.holdout; }))
+  add(choice<DepthKind>(
+      "depth_kind", kOfPictures,
+      {{"z", DepthKind::z},
+       {"ray", DepthKind::ray},
+       {"inverse", DepthKind::inverse},
+       {"none", DepthKind::none}},
+      "What the pictures' depths mean: distance along the axis (z) or from the eye "
+      "(ray), or 1/z (inverse); none: neither use nor estimate depths; default: z "
+      "or ray, found by comparing pictures",
+      [](auto& r) -> auto& { return r.pictures.depth; }));
+  add_rare(row(
+      "depth_scale", kOfPictures, number(kMinLength, kMaxLength),
+      "World units of one unit in depth pictures, as 0.001",
+      [](auto& r) -> auto& { return r.pictures.depth_scale; }));
+  add_rare(row(
+               "holdout", kOfPictures, whole(2, 1000000),
+               "Leave out every N-th picture, from the first on, for `slf evaluate`",
+               [](auto& r) -> auto& { return r.pictures.holdout; }))
       .otherwise = "";
-  add(row("voxels", kOfPictures, whole(32, 768),
-          "Voxels along an edge of the grid that holds the object's surface",
-          [](auto& r) -> auto& { return r.pictures.voxels; }));
-  add(row("picture_memory", kOfPictures, kBytes, "Memory limit for decoded pictures",
-          [](auto& r) -> auto& { return r.pictures.memory; }));
-  add(choice<bool>("background_model", kOfPictures, {{"keep", true}, {"drop", false}},
-                   "Of pictures without alpha or masks: drop what lies outside the sphere, or keep "
-                   "it, as if painted on the sphere's far side; default: drop",
-                   [](auto& r) -> auto& { return r.pictures.keep_background; }));
-  add(row("depth_cache", kOfPictures, kFile,
-          "File that keeps estimated depths for the next run, or none; default: beside the pictures, "
-          "as *.slf-depths",
-          [](auto& r) -> auto& { return r.depth_cache; }));
+  add_rare(row(
+      "voxels", kOfPictures, whole(32, 768),
+      "Voxels along an edge of the grid that holds the object's surface",
+      [](auto& r) -> auto& { return r.pictures.voxels; }));
+  add_rare(row(
+      "picture_memory", kOfPictures, kBytes, "Memory limit for decoded pictures",
+      [](auto& r) -> auto& { return r.pictures.memory; }));
+  add_rare(choice<bool>(
+      "background_model", kOfPictures, {{"keep", true}, {"drop", false}},
+      "Of pictures without alpha or masks: drop what lies outside the sphere, or keep "
+      "it, as if painted on the sphere's far side; default: drop",
+      [](auto& r) -> auto& { return r.pictures.keep_background; }));
+  add_rare(row(
+      "depth_cache", kOfPictures, kFile,
+      "File that keeps estimated depths for the next run, or none; default: beside the pictures, "
+      "as *.slf-depths",
+      [](auto& r) -> auto& { return r.depth_cache; }));
 
   // The field.
   add(flag(
@@ -375,38 +411,47 @@ std::vector<Option> make_options() {
       "labels of one name in {label_table} are one structure. Light is that of all: what is hidden "
       "keeps its shadows",
       [](auto& r) -> auto& { return r.each_label; }));
-  add(flag("each_time", kStates, "Build a state of each time point of a file or series",
-           [](auto& r) -> auto& { return r.each_time; }))
+  add(flag(
+          "each_time", kStates, "Build a state of each time point of a file or series",
+          [](auto& r) -> auto& { return r.each_time; }))
       .excludes = "each_label";
-  add(row("entry", kField, whole(1, FieldShape::kMaxSide),
-          "Entry lattice at level 0: cells along an octsphere's edge",
-          [](auto& r) -> auto& { return r.field.shape.entry_side; }));
-  add(row("exit", kField, whole(1, FieldShape::kMaxSide), "Exit lattice at level 0",
-          [](auto& r) -> auto& { return r.field.shape.exit_side; }));
-  add(row("finest_level", kField, whole(0, 10),
+  add_rare(row(
+      "entry", kField, whole(1, FieldShape::kMaxSide),
+      "Entry lattice at level 0: cells along an octsphere's edge",
+      [](auto& r) -> auto& { return r.field.shape.entry_side; }));
+  add_rare(row(
+      "exit", kField, whole(1, FieldShape::kMaxSide), "Exit lattice at level 0",
+      [](auto& r) -> auto& { return r.field.shape.exit_side; }));
+  add(row(
+          "finest_level", kField, whole(0, 10),
           "Tiles at levels 0 to this; each level doubles both lattices",
           [](auto& r) -> auto& { return r.field.shape.levels; }))
       .former = "levels";
-  add(row("entry_extra_levels", kField, whole(0, 10),
-          "How many levels further than the exit side the entry side is split into tiles",
-          [](auto& r) -> auto& { return r.field.shape.entry_extra_levels; }))
+  add_rare(row(
+               "entry_extra_levels", kField, whole(0, 10),
+               "How many levels further than the exit side the entry side is split into tiles",
+               [](auto& r) -> auto& { return r.field.shape.entry_extra_levels; }))
       .former = "entry_depth";
-  add(row("codec", kField, {Form::text, "CODEC"},
-          "predictive:QUALITY, predictive:lossless, jpeg:QUALITY[:444], zstd[:LEVEL] or raw",
-          [](auto& r) -> auto& { return r.field.codec; }));
-  add(flag("depth", kField,
-           "Colours alone, without depths; not with predictive",
-           [](auto& r) -> auto& { return r.field.depth; }))
+  add(row(
+      "codec", kField, {Form::text, "CODEC"},
+      "predictive:QUALITY, predictive:lossless, jpeg:QUALITY[:444], zstd[:LEVEL] or raw",
+      [](auto& r) -> auto& { return r.field.codec; }));
+  add_rare(flag(
+               "depth", kField, "Colours alone, without depths; not with predictive",
+               [](auto& r) -> auto& { return r.field.depth; }))
       .negative = "--no-depth";
-  add(choice<bool>("color_type", kField, {{"u8", false}, {"half", true}},
-                   "u8, or half: HDR colour, which JPEG cannot store",
-                   [](auto& r) -> auto& { return r.field.half; }));
-  add(row("center", kFrame, kPosition,
-          "Centre of the sphere in world coordinates; default: around what is visible",
-          [](auto& r) -> auto& { return r.center; }));
-  add(row("radius", kFrame, number(kMinLength, kMaxLength),
-          "Radius of the sphere in world units; default: around what is visible",
-          [](auto& r) -> auto& { return r.radius; }));
+  add_rare(choice<bool>(
+      "color_type", kField, {{"u8", false}, {"half", true}},
+      "u8, or half: HDR colour, which JPEG cannot store",
+      [](auto& r) -> auto& { return r.field.half; }));
+  add(row(
+      "center", kFrame, kPosition,
+      "Centre of the sphere in world coordinates; default: around what is visible",
+      [](auto& r) -> auto& { return r.center; }));
+  add(row(
+      "radius", kFrame, number(kMinLength, kMaxLength),
+      "Radius of the sphere in world units; default: around what is visible",
+      [](auto& r) -> auto& { return r.radius; }));
   return all;
 }
 

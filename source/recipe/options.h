@@ -35,9 +35,9 @@ enum class Use {
 struct Type {
   enum class Form {
     flag,
-    whole,    ///< a number without fraction
+    whole,  ///< a number without fraction
     number,
-    bytes,    ///< a number, or text as "64MiB"
+    bytes,  ///< a number, or text as "64MiB"
     text,
     file,     ///< a path relative to the recipe, or the JSON object that such a file holds
     choice,   ///< one of `names`
@@ -63,13 +63,14 @@ struct Option {
   std::string help;  ///< in which {NAME} stands for an option
   /// REQUIRES: a checked value, or null for the default.
   std::function<void(Recipe&, const nlohmann::json&)> set;
-  std::function<nlohmann::json(const Recipe&)> get;         ///< null: by default
-  std::optional<std::string> otherwise{};  ///< the default, if get() cannot say it
-  const char* needs = nullptr;      ///< another option, without which it has no sense
-  const char* excludes = nullptr;   ///< another option, instead of which it stands
-  const char* former = nullptr;     ///< another name of it, from before
-  bool in_memory = false;           ///< a program may pass a volume instead
-  const char* negative = nullptr;   ///< of a flag that is on: the command line's name to put it off
+  std::function<nlohmann::json(const Recipe&)> get;  ///< null: by default
+  std::optional<std::string> otherwise{};            ///< the default, if get() cannot say it
+  const char* needs = nullptr;     ///< another option, without which it has no sense
+  const char* excludes = nullptr;  ///< another option, instead of which it stands
+  const char* former = nullptr;    ///< another name of it, from before
+  bool rare = false;               ///< left out of the short help
+  bool in_memory = false;          ///< a program may pass a volume instead
+  const char* negative = nullptr;  ///< of a flag that is on: the command line's name to put it off
 };
 
 /// All of them, in the order of --help. Static lifetime.
@@ -83,8 +84,8 @@ struct Option {
 [[nodiscard]] std::string text_of(const Type& type, const nlohmann::json& value);
 
 /// Sets an option of the recipe, and notes it as stated. Text stands for what parse() makes of it,
-/// null for its default, and a relative path is one from `folder`. usage: no such option, another type
-/// of value, or out of range; the message and Error::choice name it.
+/// null for its default, and a relative path is one from `folder`. usage: no such option, another
+/// type of value, or out of range; the message and Error::choice name it.
 [[nodiscard]] Result<void> set(Recipe& recipe, std::string_view name, const nlohmann::json& value,
                                const std::string& folder = {});
 

@@ -8,6 +8,7 @@
 #include "base/nesting.h"
 #include "base/try.h"
 #include "source/recipe/options.h"
+#include "source/recipe/scenes.h"
 
 namespace slf {
 namespace {
@@ -107,8 +108,8 @@ Result<void> add_state(StateScenes& to, const Recipe& common, const RecipeState&
         };
       }
     }
-    const auto added = to.add(all ? concat(state.name, " ", time) : state.name,
-                              std::move(own), state.light_from);
+    const auto added =
+        to.add(all ? concat(state.name, " ", time) : state.name, std::move(own), state.light_from);
     const char* const choice = added ? nullptr : added.error().choice;
     if (all && time > 0 && choice && std::string_view(choice) == "time") return {};  // the last was
     SLF_TRY(added);
@@ -119,7 +120,7 @@ Result<void> add_state(StateScenes& to, const Recipe& common, const RecipeState&
 }  // namespace
 
 bool is_recipe(std::string_view input) {
-  return input.ends_with(".json") && !input.starts_with("pictures:");
+  return input.ends_with(".json") && !input.starts_with(recipe::kPicturesPrefix);
 }
 
 Result<void> read_recipe(const std::string& path, Recipe& to) {

@@ -25,34 +25,55 @@ json list_of(const json& items, std::size_t count) {
 
 json schema_of(const Type& type) {
   switch (type.form) {
-    case Form::flag: return {{"type", "boolean"}};
-    case Form::whole: return number_schema(type, "integer");
-    case Form::number: return number_schema(type, "number");
-    case Form::bytes: return {{"type", {"integer", "string"}}};
-    case Form::text: return {{"type", "string"}};
-    case Form::file: return {{"type", {"string", "object"}}};
-    case Form::choice: return {{"enum", type.names}};
-    case Form::numbers: return list_of(number_schema(type, "number"), type.count);
-    case Form::wholes: return list_of(number_schema(type, "integer"), type.count);
-    case Form::planes: return list_of(list_of(number_schema(type, "number"), 6), 0);
-    case Form::box: return list_of(list_of({{"type", {"integer", "null"}}}, 2), 3);
+    case Form::flag:
+      return {{"type", "boolean"}};
+    case Form::whole:
+      return number_schema(type, "integer");
+    case Form::number:
+      return number_schema(type, "number");
+    case Form::bytes:
+      return {{"type", {"integer", "string"}}};
+    case Form::text:
+      return {{"type", "string"}};
+    case Form::file:
+      return {{"type", {"string", "object"}}};
+    case Form::choice:
+      return {{"enum", type.names}};
+    case Form::numbers:
+      return list_of(number_schema(type, "number"), type.count);
+    case Form::wholes:
+      return list_of(number_schema(type, "integer"), type.count);
+    case Form::planes:
+      return list_of(list_of(number_schema(type, "number"), 6), 0);
+    case Form::box:
+      return list_of(list_of({{"type", {"integer", "null"}}}, 2), 3);
   }
   return {};
 }
 
 const char* python_type(const Option& option) {
   switch (option.type.form) {
-    case Form::flag: return option.in_memory ? "Any" : "bool";
-    case Form::whole: return "int | None";
-    case Form::number: return "float | None";
-    case Form::bytes: return "int | str | None";
+    case Form::flag:
+      return option.in_memory ? "Any" : "bool";
+    case Form::whole:
+      return "int | None";
+    case Form::number:
+      return "float | None";
+    case Form::bytes:
+      return "int | str | None";
     case Form::text:
-    case Form::choice: return "str | None";
-    case Form::file: return "Any";
-    case Form::numbers: return "Sequence[float] | None";
-    case Form::wholes: return "Sequence[int] | None";
-    case Form::planes: return "Sequence[Sequence[float]]";
-    case Form::box: return "Sequence[Sequence[int | None]] | None";
+    case Form::choice:
+      return "str | None";
+    case Form::file:
+      return "Any";
+    case Form::numbers:
+      return "Sequence[float] | None";
+    case Form::wholes:
+      return "Sequence[int] | None";
+    case Form::planes:
+      return "Sequence[Sequence[float]]";
+    case Form::box:
+      return "Sequence[Sequence[int | None]] | None";
   }
   return "Any";
 }
@@ -99,17 +120,19 @@ json schema(std::span<const Option> options) {
                              0);
   recipe["states"]["description"] =
       "Variants of the object. What a state does not state is that of the recipe";
-  return {{"$schema", "http://json-schema.org/draft-07/schema#"},
-          {"title", "A recipe: what is shown, and how"},
-          {"description", "Input of `slf build`, `slf raycast` and --states. Paths are relative to it"},
-          {"type", "object"},
-          {"properties", recipe},
-          {"additionalProperties", false}};
+  return {
+      {"$schema", "http://json-schema.org/draft-07/schema#"},
+      {"title", "A recipe: what is shown, and how"},
+      {"description", "Input of `slf build`, `slf raycast` and --states. Paths are relative to it"},
+      {"type", "object"},
+      {"properties", recipe},
+      {"additionalProperties", false}};
 }
 
 std::string python_settings(std::span<const Option> options) {
   std::string out =
-      "\"\"\"Options of recipes, as keyword arguments. Made from the table of the library.\"\"\"\n\n"
+      "\"\"\"Options of recipes, as keyword arguments. Made from the table of the "
+      "library.\"\"\"\n\n"
       "from __future__ import annotations\n\nfrom typing import Any, Sequence, TypedDict\n";
   add_class(out, "DataOptions", "How to read a source, and what is read beside it.", options,
             {Use::reading, Use::data, Use::truth});

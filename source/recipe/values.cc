@@ -9,6 +9,7 @@
 #include "base/try.h"
 #include "slf/mesh.h"
 #include "source/recipe/options.h"
+#include "source/recipe/scenes.h"
 
 namespace slf::recipe {
 namespace {
@@ -35,23 +36,30 @@ std::string expected(const Type& type) {
     return range.empty() ? what : what + ", each " + range;
   };
   switch (type.form) {
-    case Form::flag: return "true or false";
+    case Form::flag:
+      return "true or false";
     case Form::whole:
     case Form::number: {
       const std::string range = range_of(type);
       const char* const what = type.form == Form::whole ? "a whole number" : "a number";
       return range.empty() ? what : range;
     }
-    case Form::bytes: return "a number of bytes, or one as 64MiB or 1.5GiB";
-    case Form::text: return "a text";
-    case Form::file: return "a path";
-    case Form::choice: return joined(type.names, ", ");
-    case Form::numbers: return each(concat(type.count, " numbers"));
+    case Form::bytes:
+      return "a number of bytes, or one as 64MiB or 1.5GiB";
+    case Form::text:
+      return "a text";
+    case Form::file:
+      return "a path";
+    case Form::choice:
+      return joined(type.names, ", ");
+    case Form::numbers:
+      return each(concat(type.count, " numbers"));
     case Form::wholes:
-      return type.count == 0 ? "whole numbers"
-                             : each(concat(type.count, " whole numbers"));
-    case Form::planes: return "a point and a normal, as 0,0,40,0,0,1";
-    case Form::box: return "X0:X1,Y0:Y1,Z0:Z1, as 10:200,:,50:";
+      return type.count == 0 ? "whole numbers" : each(concat(type.count, " whole numbers"));
+    case Form::planes:
+      return "a point and a normal, as 0,0,40,0,0,1";
+    case Form::box:
+      return "X0:X1,Y0:Y1,Z0:Z1, as 10:200,:,50:";
   }
   return {};
 }
@@ -81,17 +89,24 @@ bool fits(const Type& type, const json& value) {
     return end.is_null() || (is_whole(end) && end >= 0 && end <= UINT32_MAX);
   };
   switch (type.form) {
-    case Form::flag: return value.is_boolean();
+    case Form::flag:
+      return value.is_boolean();
     case Form::whole:
-    case Form::bytes: return in_range(type, value) && is_whole(value);
-    case Form::number: return in_range(type, value);
-    case Form::text: return value.is_string();
-    case Form::file: return value.is_string() || value.is_object();
+    case Form::bytes:
+      return in_range(type, value) && is_whole(value);
+    case Form::number:
+      return in_range(type, value);
+    case Form::text:
+      return value.is_string();
+    case Form::file:
+      return value.is_string() || value.is_object();
     case Form::choice:
-      return value.is_string() && std::ranges::find(type.names, value.get<std::string>()) !=
-                                      type.names.end();
-    case Form::numbers: return are_numbers(type, value, false, type.count);
-    case Form::wholes: return are_numbers(type, value, true, type.count);
+      return value.is_string() &&
+             std::ranges::find(type.names, value.get<std::string>()) != type.names.end();
+    case Form::numbers:
+      return are_numbers(type, value, false, type.count);
+    case Form::wholes:
+      return are_numbers(type, value, true, type.count);
     case Form::planes:
       return value.is_array() && std::ranges::all_of(value, [&](const json& plane) {
                return are_numbers(type, plane, false, 6);
@@ -145,23 +160,29 @@ json box_of(std::string_view text) {
 /// The value that a text stands for, of any type.
 json value_of(const Type& type, const std::string& text) {
   switch (type.form) {
-    case Form::flag: return text == "true" ? json(true) : text == "false" ? json(false) : json();
+    case Form::flag:
+      return text == "true" ? json(true) : text == "false" ? json(false) : json();
     case Form::whole:
-    case Form::number: return number_of(text);
+    case Form::number:
+      return number_of(text);
     case Form::bytes: {
       const auto bytes = parse_byte_count(text);
       return bytes ? json(*bytes) : json();
     }
     case Form::text:
-    case Form::file: return text;
+    case Form::file:
+      return text;
     case Form::choice: {
       const auto scalar = parse_scalar_type(text);  // has many names
       return scalar && !fits(type, text) ? json(name(*scalar)) : json(text);
     }
     case Form::numbers:
-    case Form::wholes: return numbers_of(text, type.delimiter);
-    case Form::planes: return json::array({numbers_of(text, ',')});
-    case Form::box: return box_of(text);
+    case Form::wholes:
+      return numbers_of(text, type.delimiter);
+    case Form::planes:
+      return json::array({numbers_of(text, ',')});
+    case Form::box:
+      return box_of(text);
   }
   return {};
 }
@@ -170,8 +191,8 @@ json value_of(const Type& type, const std::string& text) {
 json normal(const Type& type, const json& value) {
   const bool is_text = type.form == Form::text || type.form == Form::file;
   if (value.is_string() && !is_text) return value_of(type, value.get<std::string>());
-  const bool one_plane = type.form == Form::planes && value.is_array() && !value.empty() &&
-                         value[0].is_number();
+  const bool one_plane =
+      type.form == Form::planes && value.is_array() && !value.empty() && value[0].is_number();
   return one_plane ? json::array({value}) : value;
 }
 
@@ -180,13 +201,13 @@ std::string from_folder(const std::string& option, const std::string& path,
                         const std::string& folder) {
   if (folder.empty() || path.empty() || path.starts_with('{')) return path;
   const bool built_in =
-      option == "transfer"    ? transfer_file(path).empty()
-      : option == "light_rig" ? std::ranges::find(built_in_rigs(), path, &LightRig::name) !=
-                                    built_in_rigs().end()
+      option == "transfer" ? transfer_file(path).empty()
+      : option == "light_rig"
+          ? std::ranges::find(built_in_rigs(), path, &LightRig::name) != built_in_rigs().end()
       : option == "depth_cache" ? path == "none"
-                                : path.starts_with("scene:");
+                                : path.starts_with(kScenePrefix);
   if (built_in) return path;
-  const std::size_t prefix = path.starts_with("pictures:") ? 9 : 0;
+  const std::size_t prefix = path.starts_with(kPicturesPrefix) ? kPicturesPrefix.size() : 0;
   return path.substr(0, prefix) + (std::filesystem::path(folder) / path.substr(prefix)).string();
 }
 
@@ -194,7 +215,7 @@ std::string from_folder(const std::string& option, const std::string& path,
 json without_folders(const json& value) {
   if (!value.is_string()) return value;
   const auto text = value.get<std::string>();
-  const std::size_t prefix = text.starts_with("pictures:") ? 9 : 0;
+  const std::size_t prefix = text.starts_with(kPicturesPrefix) ? kPicturesPrefix.size() : 0;
   return text.substr(0, prefix) + std::filesystem::path(text.substr(prefix)).filename().string();
 }
 
@@ -211,7 +232,7 @@ constexpr KindName kKinds[] = {{kVolume, "a volume", "volumes"},
 
 Kind kind_of(const Recipe& recipe) {
   if (recipe.volume) return kVolume;
-  if (recipe.input.starts_with("scene:")) return kAnalytic;
+  if (recipe.input.starts_with(kScenePrefix)) return kAnalytic;
   if (recipe.is_pictures()) return kPictures;
   return is_mesh_name(recipe.input) ? kMesh : kVolume;
 }
@@ -287,12 +308,14 @@ std::string published(const Recipe& recipe, const Scene& scene, const std::strin
   json out = to_json(recipe);
   const json provenance = json::parse(scene.provenance(), nullptr, /*allow_exceptions=*/false);
   const auto says_nothing = [](const json& name) {  // of a patient
-    const auto ending = lower_case(std::filesystem::path(name.get<std::string>()).extension().string());
+    const auto ending =
+        lower_case(std::filesystem::path(name.get<std::string>()).extension().string());
     return !ending.empty() && ending != ".dcm" && ending != ".ima";
   };
   const bool dicom = provenance.value("source", "") == "DICOM";
   for (const char* file : {"input", "labels_volume", "mask", "series"})
-    if (out.contains(file) && (dicom || (file != std::string_view("input") && !says_nothing(out[file]))))
+    if (out.contains(file) &&
+        (dicom || (file != std::string_view("input") && !says_nothing(out[file]))))
       out.erase(file);
   if (!light_from.empty()) out["light_from"] = light_from;
   if (recipe.each_time && !recipe.stated.contains("each_time")) out["time"] = "all";

@@ -1,0 +1,56 @@
+#!/usr/bin/env python3
+"""An option of recipes is declared once: in the table, source/recipe/options.cc. Neither the command
+line nor Python declares one again, and schemas/recipe.json is what the table makes.
+
+  names_test.py --tables build/release/source/recipe/slf_tables
+"""
+
+import argparse
+import json
+import pathlib
+import re
+import subprocess
+import sys
+
+ROOT = pathlib.Path(__file__).resolve().parents[3]
+
+# Options of repack, which are of a field that exists, have names of their own meaning.
+OF_FIELDS = {"codec", "depth", "color_type", "levels", "input", "center", "radius"}
+
+
+def declared_again(names):
+    for path in sorted((ROOT / "cli").glob("*.cc")):
+        for found in re.finditer(r'add_\w+\(\s*\*?\w*,?\s*"--(?:no-)?([\w-]+)"', path.read_text()):
+            name = found[1].replace("-", "_")
+            if name in names and not (name in OF_FIELDS and path.name != "build.cc"):
+                yield f"cli/{path.name}: --{found[1]}"
+    for path in [ROOT / "python/slf/_source.py", ROOT / "python/slf/_build.py"]:
+        for found in re.finditer(r"^    (\w+): [^=\n]*$", path.read_text(), re.MULTILINE):
+            if found[1] in names:
+                yield f"python/slf/{path.name}: {found[1]}"
+    for path in sorted((ROOT / "python/src").glob("*.cc")):
+        for found in re.finditer(r'\{"(\w+)", ', path.read_text()):
+            if found[1] in names:
+                yield f"python/src/{path.name}: {found[1]}"
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__,
+                                     formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--tables", required=True)
+    parser.add_argument("--update", action="store_true", help="write schemas/recipe.json")
+    arguments = parser.parse_args()
+    made = subprocess.run([arguments.tables, "schema"], check=True, capture_output=True,
+                          text=True).stdout
+    schema = ROOT / "schemas/recipe.json"
+    if arguments.update:
+        schema.write_text(made)
+    complaints = [] if schema.read_text() == made else [
+        "schemas/recipe.json is not what the table makes: names_test.py --update writes it"]
+    names = set(json.loads(made)["properties"]) - {"states"}
+    complaints += declared_again(names)
+    sys.exit("\n".join(complaints))
+
+
+if __name__ == "__main__":
+    main()
