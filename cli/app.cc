@@ -79,10 +79,9 @@ class BriefFormatter : public CLI::Formatter {
     const CLI::Option* const input = app->get_option_no_throw("INPUT");
     Recipe recipe;
     if (input && !input->results().empty()) recipe.input = input->results().front();
-    kinds_ = mode == CLI::AppFormatMode::All ? 0
-             : recipe.input.empty() || is_recipe(recipe.input)
-                 ? unsigned{recipe::kAny}
-                 : unsigned{recipe::kind_of(recipe)};
+    kinds_ = mode == CLI::AppFormatMode::All                   ? 0
+             : recipe.input.empty() || is_recipe(recipe.input) ? unsigned{recipe::kAny}
+                                                               : unsigned{recipe::kind_of(recipe)};
     return CLI::Formatter::make_help(app, name, mode);
   }
 
@@ -91,9 +90,15 @@ class BriefFormatter : public CLI::Formatter {
     if (kinds_ != 0)
       std::erase_if(options, [&](const CLI::Option* option) {
         const recipe::Option* const row = row_of(*option);
-        return row && (row->rare || !(row->kinds & kinds_));
+        return group == kShardGroup || (row && (row->rare || !(row->kinds & kinds_)));
       });
     return options.empty() ? "" : CLI::Formatter::make_group(group, is_positional, options);
+  }
+
+  /// Of options of recipes, what stands before the first semicolon.
+  std::string make_option_desc(const CLI::Option* option) const override {
+    const std::string text = CLI::Formatter::make_option_desc(option);
+    return kinds_ != 0 && row_of(*option) ? text.substr(0, text.find(';')) : text;
   }
 
  private:

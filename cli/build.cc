@@ -53,9 +53,8 @@ void add_build(CLI::App& app, Run& run) {
   add_file(*command, "-o,--output", a->output, "The field to write", kFieldFile)->required();
   command->add_flag("-f,--force", a->force, "Replace the output, once the new field is complete");
   a->source.add_states_to(*command);
-  a->source.add_to(*command, [](const recipe::Option& option) {
-    return option.use != recipe::Use::truth;
-  });
+  a->source.add_to(*command,
+                   [](const recipe::Option& option) { return option.use != recipe::Use::truth; });
   command->get_option("--each-label")->excludes("--states");
   a->shard.add_to(*command);
   BuildOptions& options = a->source.field;

@@ -21,9 +21,9 @@
 #include "slf/camera.h"
 #include "slf/error.h"
 #include "slf/field.h"
+#include "slf/recipe.h"
 #include "slf/render.h"
 #include "slf/repack.h"
-#include "slf/recipe.h"
 #include "source/recipe/options.h"
 
 namespace slf::cli {
@@ -351,7 +351,9 @@ Result<T> hinted(Result<T> result) {
   return result;
 }
 
-/// The options that choose the part of a field to build.
+/// The heading of the options that choose the part of a field to build.
+inline constexpr const char* kShardGroup = "Several machines";
+/// These options.
 struct ShardArguments {
   std::string shard;  // "K/N" or "auto"; empty: not given
   std::optional<LevelRange> levels;

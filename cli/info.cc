@@ -21,7 +21,16 @@ struct InfoArguments {
 nlohmann::json recipe_json(const Field& field) {
   const FieldShape& shape = field.shape();
   const auto recipe_of = [](const Field& one) {
-    return nlohmann::json::parse(one.provenance()).value("recipe", nlohmann::json::object());
+    const auto provenance = nlohmann::json::parse(one.provenance());
+    auto recipe = provenance.value("recipe", nlohmann::json::object());
+    const std::string kind = text_of(provenance, "kind", "");
+    const std::string source = text_of(provenance, "source", ""),
+                      name = text_of(provenance, "name", "");
+    if (kind == "scene")
+      recipe["input"] = "scene:" + name;
+    else if (!source.empty() && source != "DICOM")
+      recipe["input"] = (kind == "pictures" ? "pictures:" : "") + source;
+    return recipe;
   };
   const auto states = field.states();
   const Field first = states.empty() ? field : *field.in_state(0);

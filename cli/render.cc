@@ -135,7 +135,7 @@ struct RaycastArguments {
   SourceArguments source;
   PictureOutput picture;
   CameraArguments camera;
-  std::string cameras;        // empty: one picture, by `camera`
+  std::string cameras;  // empty: one picture, by `camera`
   std::string state;    // of several, the one to draw
   unsigned threads = 0;
 };

@@ -87,7 +87,7 @@ void replace_all(std::string& text, const std::string& what, const std::string& 
 }  // namespace
 
 void ShardArguments::add_to(CLI::App& command) {
-  const OptionGroup group(command, "Several machines");
+  const OptionGroup group(command, kShardGroup);
   command
       .add_option("--shard", shard,
                   "Build the K-th of N parts of equal work; auto: as Slurm, MPI or Kubernetes\n"

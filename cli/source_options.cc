@@ -43,8 +43,8 @@ void add_option(CLI::App& command, const recipe::Option& option, Recipe& to) {
   std::string names = option.negative ? option.negative : option_name(option.name);
   if (option.former) names += "," + option_name(option.former);
   if (option.type.form == recipe::Type::Form::flag) {
-    rows()[command.add_flag_callback(names, [=, on = !option.negative] { set(on); }, help)] =
-        &option;
+    rows()[command.add_flag_callback(
+        names, [=, on = !option.negative] { set(on); }, help)] = &option;
     return;
   }
   auto* added = command.add_option_function<std::vector<std::string>>(

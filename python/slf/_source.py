@@ -357,6 +357,8 @@ def described(stack: contextlib.ExitStack, source: Any, settings: Mapping[str, A
     known: the settings that there are.  report: for reading pictures.  folder: for temporary
     files.  truth_of: the provenance of a field to compare with. Called by what users call, whose
     place warnings state."""
+    if states and settings.get("each_label"):
+        raise UsageError("each_label makes states itself, without states=")
     scenes: list[tuple[str, Any]] = []
     shared = _slf.StateScenes() if states else None
     kept: _Kept = {}

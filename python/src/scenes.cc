@@ -232,9 +232,9 @@ void set(Recipe& recipe, const std::string& name, const py::object& value) {
     try {
       json = json_of(value);
     } catch (const py::cast_error&) {
-      throw Failure({ErrorCode::usage,
-                     name + ": unexpected value " + py::repr(value).cast<std::string>()},
-                    "");
+      throw Failure(
+          {ErrorCode::usage, name + ": unexpected value " + py::repr(value).cast<std::string>()},
+          "");
     }
     value_of(recipe::set(recipe, name, json));
   }
@@ -262,7 +262,8 @@ std::vector<std::pair<Text, SceneHandle>> make(const Recipe& given, StateScenes*
   auto made = value_of(std::move(result), recipe.input);
   for (const Text& note : *found) notes.append(note);
   std::vector<std::pair<Text, SceneHandle>> scenes;
-  for (NamedScene& one : made) scenes.emplace_back(one.name,
+  for (NamedScene& one : made)
+    scenes.emplace_back(one.name,
                         SceneHandle{std::move(one.scene), nullptr, std::move(one.recipe)});
   return scenes;
 }

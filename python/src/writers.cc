@@ -19,7 +19,8 @@ using Scenes = std::vector<std::pair<Text, SceneHandle>>;
 
 std::vector<FieldState> states_of(const Scenes& scenes) {
   std::vector<FieldState> states;
-  for (const auto& [name, handle] : scenes) states.push_back({name, handle.scene.get(), handle.recipe});
+  for (const auto& [name, handle] : scenes)
+    states.push_back({name, handle.scene.get(), handle.recipe});
   return states;
 }
 

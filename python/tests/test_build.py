@@ -304,7 +304,7 @@ def test_wrong_arguments(voxels, tmp_path):
             (slf.UsageError, voxels, dict(center=(1e6, 0, 0))), (slf.UsageError, voxels, dict(series="1")),
             (slf.UsageError, voxels, dict(transfer="no-such-preset")),
             (slf.UsageError, "scene:none", {}), (FileNotFoundError, tmp_path / "missing.nii", {}),
-            (TypeError, voxels, dict(entry="x")), (TypeError, voxels, dict(colour="red")),
+            (slf.UsageError, voxels, dict(entry="x")), (TypeError, voxels, dict(colour="red")),
             (slf.UsageError, "scene:balls", dict(transfer="ct-bone"))):
         with pytest.raises(error):
             slf.build(source, out, **{**SMALL, **settings})

@@ -229,9 +229,9 @@ std::vector<Option> make_options() {
       "dims", kReading, {Form::wholes, "NXxNYxNZ", 1, kMaxCount, false, 3, 'x'},
       "Raw files: voxels along x, y, z, as 128x128x84",
       [](auto& r) -> auto& { return r.raw.dims; }));
-  add(row(
-          "type", kReading, scalar, "Raw files: type of a voxel",
-          [](auto& r) -> auto& { return r.raw.type; }))
+  add_rare(row(
+               "type", kReading, scalar, "Raw files: type of a voxel",
+               [](auto& r) -> auto& { return r.raw.type; }))
       .needs = "dims";
   add(row(
       "spacing", kReading, numbers("DXxDYxDZ", 3, kMinLength, kMaxLength, 'x'),
@@ -288,7 +288,7 @@ std::vector<Option> make_options() {
                "the mean of those with opacity",
                [](auto& r) -> auto& { return r.raycast.projection; }))
       .excludes = "lighting";
-  add(row(
+  add_rare(row(
       "light", kLight, kPosition,
       "World direction towards the light (LPS); default: above, in front, to the patient's right",
       [](auto& r) -> auto& { return r.light; }));
@@ -315,7 +315,7 @@ std::vector<Option> make_options() {
               joined(built_in_rigs(), ", ", &LightRig::name) + ", or a JSON file",
           [](auto& r) -> auto& { return r.light_rig; }))
       .otherwise = built_in_rigs().front().name;
-  add(row(
+  add_rare(row(
       "environment", kLightData, kFile,
       "Picture that surrounds the volume instead of the rig's sky: latitude-longitude OpenEXR or "
       "Radiance HDR, up being +z and the middle the front",
@@ -411,9 +411,9 @@ std::vector<Option> make_options() {
       "labels of one name in {label_table} are one structure. Light is that of all: what is hidden "
       "keeps its shadows",
       [](auto& r) -> auto& { return r.each_label; }));
-  add(flag(
-          "each_time", kStates, "Build a state of each time point of a file or series",
-          [](auto& r) -> auto& { return r.each_time; }))
+  add_rare(flag(
+               "each_time", kStates, "Build a state of each time point of a file or series",
+               [](auto& r) -> auto& { return r.each_time; }))
       .excludes = "each_label";
   add_rare(row(
       "entry", kField, whole(1, FieldShape::kMaxSide),
@@ -444,11 +444,11 @@ std::vector<Option> make_options() {
       "color_type", kField, {{"u8", false}, {"half", true}},
       "u8, or half: HDR colour, which JPEG cannot store",
       [](auto& r) -> auto& { return r.field.half; }));
-  add(row(
+  add_rare(row(
       "center", kFrame, kPosition,
       "Centre of the sphere in world coordinates; default: around what is visible",
       [](auto& r) -> auto& { return r.center; }));
-  add(row(
+  add_rare(row(
       "radius", kFrame, number(kMinLength, kMaxLength),
       "Radius of the sphere in world units; default: around what is visible",
       [](auto& r) -> auto& { return r.radius; }));

@@ -28,7 +28,8 @@ Result<void> set_all(Recipe& recipe, const json& options, const std::string& fol
   for (const auto& [name, value] : options.items()) {
     const auto* const option = recipe::find(name);
     if (option && kept.contains(option->name)) continue;
-    if (option && option->excludes && options.contains(option->excludes))
+    if (option && option->excludes && !value.is_null() &&
+        !options.value(option->excludes, json()).is_null())
       return fail_without(option->name, ErrorCode::usage, name, ": not beside ", option->excludes);
     SLF_TRY(recipe::set(recipe, name, value, folder));
   }
@@ -92,7 +93,13 @@ json with_underscores(const json& from) {
 /// Adds the scenes of a state: those of each time point, if it has several.
 Result<void> add_state(StateScenes& to, const Recipe& common, const RecipeState& state) {
   Recipe recipe = common;
-  SLF_TRY(set_all(recipe, json::parse(state.options), folder_of(state.file)));
+  const json own_options = json::parse(state.options);
+  SLF_TRY(set_all(recipe, own_options, folder_of(state.file)));
+  // What does not apply to this kind of source is not taken over.
+  const recipe::Kind kind = recipe::kind_of(recipe);
+  for (const recipe::Option& option : recipe::options())
+    if (!(option.kinds & kind) && !own_options.contains(option.name))
+      SLF_TRY(recipe::set(recipe, option.name, nullptr));
   const bool all = state.each_time || recipe.each_time;
   for (unsigned time = 0;; ++time) {
     Recipe own = recipe;

@@ -23,8 +23,8 @@ std::string shown(const json& value) {
 }
 
 std::string range_of(const Type& type) {
-  constexpr double kNoBound = 1e100;
-  if (type.high > kNoBound) return "";
+  constexpr double kNoBound = 1e9;
+  if (type.high > kNoBound) return type.low < -kNoBound ? "" : concat("at least ", type.low);
   return type.above ? concat("above ", type.low, ", at most ", type.high)
                     : concat(type.low, " to ", type.high);
 }
@@ -299,6 +299,7 @@ json to_json(const Recipe& recipe) {
   for (const Option& option : options()) {
     if (option.use == Use::field || !recipe.stated.contains(option.name)) continue;
     const json value = option.get(recipe);
+    if (value.is_null()) continue;  // a volume in memory
     out[option.name] = option.type.form == Form::file ? without_folders(value) : value;
   }
   return out;
@@ -306,17 +307,15 @@ json to_json(const Recipe& recipe) {
 
 std::string published(const Recipe& recipe, const Scene& scene, const std::string& light_from) {
   json out = to_json(recipe);
+  out.erase("input");  // which provenance names
   const json provenance = json::parse(scene.provenance(), nullptr, /*allow_exceptions=*/false);
-  const auto says_nothing = [](const json& name) {  // of a patient
-    const auto ending =
-        lower_case(std::filesystem::path(name.get<std::string>()).extension().string());
-    return !ending.empty() && ending != ".dcm" && ending != ".ima";
-  };
   const bool dicom = provenance.value("source", "") == "DICOM";
-  for (const char* file : {"input", "labels_volume", "mask", "series"})
-    if (out.contains(file) &&
-        (dicom || (file != std::string_view("input") && !says_nothing(out[file]))))
-      out.erase(file);
+  for (const char* file : {"labels_volume", "mask", "series"}) {
+    if (!out.contains(file)) continue;
+    const std::string ending =
+        lower_case(std::filesystem::path(out[file].get<std::string>()).extension().string());
+    if (dicom || ending.empty() || ending == ".dcm" || ending == ".ima") out.erase(file);
+  }
   if (!light_from.empty()) out["light_from"] = light_from;
   if (recipe.each_time && !recipe.stated.contains("each_time")) out["time"] = "all";
   return out.dump(-1, ' ', false, json::error_handler_t::replace);
@@ -325,15 +324,18 @@ std::string published(const Recipe& recipe, const Scene& scene, const std::strin
 std::string help_of(const Option& option, bool command_line) {
   std::string text = option.help;
   if (option.negative && !command_line) text = "False: " + text;
-  for (std::size_t open = 0; command_line && (open = text.find('{', open)) != std::string::npos;) {
+  for (std::size_t open = 0; (open = text.find('{', open)) != std::string::npos;) {
     const std::size_t close = text.find('}', open);
     std::string name = text.substr(open + 1, close - open - 1);
     if (!find(name)) {
       open = close;
       continue;
     }
-    std::ranges::replace(name, '_', '-');
-    text.replace(open, close - open + 1, "--" + name);
+    if (command_line) {
+      std::ranges::replace(name, '_', '-');
+      name.insert(0, "--");
+    }
+    text.replace(open, close - open + 1, name);
   }
   return text;
 }

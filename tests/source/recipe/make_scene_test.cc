@@ -173,13 +173,13 @@ void with_each_replaced(const nlohmann::json& document, const Use& use) {
 
 // What a field says of its source is free text.
 TEST(MakeScene, ProvenancesOfAnyKindAreReadOrRefused) {
-  SceneDescription built = slabs();
+  Recipe built = slabs();
   built.only_labels = {2, 3};
   built.raycast.clip = {{{5, 5, 5}, {0, 0, 1}}};
   const nlohmann::json whole = provenance(built);
   with_each_replaced(whole, [&](const nlohmann::json& changed) {
     SCOPED_TRACE(changed.dump());
-    SceneDescription d = slabs();
+    Recipe d = slabs();
     d.truth_of = changed.dump();
     (void)raycast_options(d.truth_of);
     const auto scene = make_scene(d);

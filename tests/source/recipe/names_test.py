@@ -15,7 +15,7 @@ import sys
 ROOT = pathlib.Path(__file__).resolve().parents[3]
 
 # Options of repack, which are of a field that exists, have names of their own meaning.
-OF_FIELDS = {"codec", "depth", "color_type", "levels", "input", "center", "radius"}
+OF_FIELDS = {"codec", "depth", "color_type", "levels", "light", "center", "radius"}
 
 
 def declared_again(names):
@@ -25,9 +25,11 @@ def declared_again(names):
             if name in names and not (name in OF_FIELDS and path.name != "build.cc"):
                 yield f"cli/{path.name}: --{found[1]}"
     for path in [ROOT / "python/slf/_source.py", ROOT / "python/slf/_build.py"]:
-        for found in re.finditer(r"^    (\w+): [^=\n]*$", path.read_text(), re.MULTILINE):
-            if found[1] in names:
-                yield f"python/slf/{path.name}: {found[1]}"
+        for settings in re.finditer(r"^class \w*Settings\(.*?(?=^\S|\Z)", path.read_text(),
+                                    re.MULTILINE | re.DOTALL):
+            for found in re.finditer(r"^    (\w+): ", settings[0], re.MULTILINE):
+                if found[1] in names:
+                    yield f"python/slf/{path.name}: {found[1]}"
     for path in sorted((ROOT / "python/src").glob("*.cc")):
         for found in re.finditer(r'\{"(\w+)", ', path.read_text()):
             if found[1] in names:

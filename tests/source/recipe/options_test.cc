@@ -16,17 +16,27 @@ json value_of(const Type& type) {
   using Form = Type::Form;
   const auto numbers = [&](std::size_t count) { return json(std::vector<double>(count, 2.0)); };
   switch (type.form) {
-    case Form::flag: return true;
-    case Form::whole: return type.low > 3 ? type.low : 3;
-    case Form::number: return type.high < 3 ? 0.75 : 3.5;
-    case Form::bytes: return "77MiB";
-    case Form::text: return "text";
-    case Form::file: return "file.x";
-    case Form::choice: return type.names.back();
+    case Form::flag:
+      return true;
+    case Form::whole:
+      return type.low > 3 ? type.low : 3;
+    case Form::number:
+      return type.high < 3 ? 0.75 : 3.5;
+    case Form::bytes:
+      return "77MiB";
+    case Form::text:
+      return "text";
+    case Form::file:
+      return "file.x";
+    case Form::choice:
+      return type.names.back();
     case Form::numbers:
-    case Form::wholes: return numbers(type.count == 0 ? 2 : type.count);
-    case Form::planes: return json::array({numbers(6)});
-    case Form::box: return {{1, 2}, {nullptr, 3}, {4, nullptr}};
+    case Form::wholes:
+      return numbers(type.count == 0 ? 2 : type.count);
+    case Form::planes:
+      return json::array({numbers(6)});
+    case Form::box:
+      return {{1, 2}, {nullptr, 3}, {4, nullptr}};
   }
   return {};
 }
@@ -68,14 +78,25 @@ TEST(Options, TextStandsForValues) {
 }
 
 TEST(Options, RefusesOtherTypesAndRanges) {
-  const std::vector<std::pair<const char*, json>> wrong{
-      {"step", 0.01},        {"step", "NaN"},       {"step", json::array({1})},
-      {"labels", "yes"},     {"labels", 1},         {"component", -1},
-      {"component", 1.5},    {"range", {1}},        {"range", {1, "x"}},
-      {"projection", "max"}, {"crop", "1:2,3"},     {"crop", "1:2,3:4,5:x"},
-      {"clip", {1, 2, 3}},   {"light_memory", "x"}, {"transfer", 7},
-      {"dims", {0, 1, 1}},   {"dims", "4x5"},       {"light_seed", -1},
-      {"crop", {{0, 0}, {0, 1}, {0, 1}}}};
+  const std::vector<std::pair<const char*, json>> wrong{{"step", 0.01},
+                                                        {"step", "NaN"},
+                                                        {"step", json::array({1})},
+                                                        {"labels", "yes"},
+                                                        {"labels", 1},
+                                                        {"component", -1},
+                                                        {"component", 1.5},
+                                                        {"range", {1}},
+                                                        {"range", {1, "x"}},
+                                                        {"projection", "max"},
+                                                        {"crop", "1:2,3"},
+                                                        {"crop", "1:2,3:4,5:x"},
+                                                        {"clip", {1, 2, 3}},
+                                                        {"light_memory", "x"},
+                                                        {"transfer", 7},
+                                                        {"dims", {0, 1, 1}},
+                                                        {"dims", "4x5"},
+                                                        {"light_seed", -1},
+                                                        {"crop", {{0, 0}, {0, 1}, {0, 1}}}};
   for (const auto& [name, value] : wrong) {
     Recipe recipe;
     const auto ok = set(recipe, name, value);
@@ -87,10 +108,8 @@ TEST(Options, RefusesOtherTypesAndRanges) {
 }
 
 TEST(Options, WhatDoesNotApplyToASourceIsRefused) {
-  const std::vector<std::pair<const char*, Kind>> sources{{"a.nii", kVolume},
-                                                          {"a.glb", kMesh},
-                                                          {"pictures:a", kPictures},
-                                                          {"scene:balls", kAnalytic}};
+  const std::vector<std::pair<const char*, Kind>> sources{
+      {"a.nii", kVolume}, {"a.glb", kMesh}, {"pictures:a", kPictures}, {"scene:balls", kAnalytic}};
   for (const auto& [input, kind] : sources)
     for (const Option& option : options()) {
       Recipe recipe;
