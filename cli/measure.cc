@@ -307,7 +307,8 @@ void add_evaluate(CLI::App& app, Run& run) {
       ->excludes("--volume");
   a->source.add_to(*command, [](const recipe::Option& option) {
     using recipe::Use;
-    return option.use == Use::reading || option.use == Use::data || option.use == Use::truth;
+    return option.use == Use::reading || option.use == Use::data || option.use == Use::cost ||
+           option.use == Use::truth;
   });
   command->get_option("--transfer")
       ->description(

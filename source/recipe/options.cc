@@ -169,7 +169,8 @@ std::vector<Option> make_options() {
   constexpr Group kData{"Volume", kVolume, Use::data}, kReading{"Volume", kVolume, Use::reading},
       kMeshes{"Mesh", kMesh, Use::reading}, kRays{"Light", kVolume, Use::view},
       kLight{"Light", kVolume | kMesh, Use::view}, kLightData{"Light", kVolume | kMesh, Use::data},
-      kOfPictures{"Pictures", kPictures, Use::data}, kTruth{"Reference", kVolume, Use::truth},
+      kOfPictures{"Pictures", kPictures, Use::data}, kPictureCost{"Pictures", kPictures, Use::cost},
+      kLightCost{"Light", kVolume, Use::cost}, kTruth{"Reference", kVolume, Use::truth},
       kField{"Field", kAny, Use::field}, kFrame{"Field", kAny, Use::frame},
       kStates{"Field", kVolume, Use::frame};
   Type ids{Form::wholes, "ID,...", -0x1p63, 0x1p63, false, 0};
@@ -343,12 +344,11 @@ std::vector<Option> make_options() {
   add_rare(row(
       "light_seed", kLight, whole(0, 0x1p63), "Random seed",
       [](auto& r) -> auto& { return r.raycast.lighting.seed; }));
-  Option& kept = add_rare(row(
-      "light_file", kLightData, kFile,
+  add_rare(row(
+      "light_file", kLightCost, kFile,
       "Keep the light volume in this file, and read it from there if it is the "
       "same; of states, {state} in its name stands for theirs",
       [](auto& r) -> auto& { return r.light_volume.file; }));
-  kept.kinds = kVolume;
   add(row(
       "exposure", kLight, number(-20, 20),
       "Exposure of shadowed or global light, in photographic stops",
@@ -391,7 +391,7 @@ std::vector<Option> make_options() {
       "Voxels along an edge of the grid that holds the object's surface",
       [](auto& r) -> auto& { return r.pictures.voxels; }));
   add_rare(row(
-      "picture_memory", kOfPictures, kBytes, "Memory limit for decoded pictures",
+      "picture_memory", kPictureCost, kBytes, "Memory limit for decoded pictures",
       [](auto& r) -> auto& { return r.pictures.memory; }));
   add_rare(choice<bool>(
       "background_model", kOfPictures, {{"keep", true}, {"drop", false}},
@@ -399,7 +399,7 @@ std::vector<Option> make_options() {
       "it, as if painted on the sphere's far side; default: drop",
       [](auto& r) -> auto& { return r.pictures.keep_background; }));
   add_rare(row(
-      "depth_cache", kOfPictures, kFile,
+      "depth_cache", kPictureCost, kFile,
       "File that keeps estimated depths for the next run, or none; default: beside the pictures, "
       "as *.slf-depths",
       [](auto& r) -> auto& { return r.depth_cache; }));

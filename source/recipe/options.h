@@ -26,6 +26,7 @@ enum class Use {
   reading,  ///< how the files of the input are read
   data,     ///< what else is read or made of it; a field does not hold it, so who compares names it
   view,     ///< rays and light, which a field records
+  cost,     ///< memory and files that keep work for later; no ray changes by it
   truth,    ///< pictures to compare with
   frame,    ///< the sphere and the states of the field to build
   field,    ///< what else it is, which the field says itself

@@ -135,7 +135,7 @@ std::string python_settings(std::span<const Option> options) {
       "library.\"\"\"\n\n"
       "from __future__ import annotations\n\nfrom typing import Any, Sequence, TypedDict\n";
   add_class(out, "DataOptions", "How to read a source, and what is read beside it.", options,
-            {Use::reading, Use::data, Use::truth});
+            {Use::reading, Use::data, Use::cost, Use::truth});
   add_class(out, "ViewOptions", "Rays and light.", options, {Use::view});
   add_class(out, "FieldOptions", "The field to build.", options, {Use::frame, Use::field});
   return out;

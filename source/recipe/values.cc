@@ -23,8 +23,9 @@ std::string shown(const json& value) {
 }
 
 std::string range_of(const Type& type) {
-  constexpr double kNoBound = 1e9;
-  if (type.high > kNoBound) return type.low < -kNoBound ? "" : concat("at least ", type.low);
+  const bool is_whole = type.form == Form::whole || type.form == Form::wholes;
+  const double no_bound = is_whole ? 1e9 : 1e100;  // that anybody would want to read
+  if (type.high > no_bound) return type.low < -no_bound ? "" : concat("at least ", type.low);
   return type.above ? concat("above ", type.low, ", at most ", type.high)
                     : concat(type.low, " to ", type.high);
 }
@@ -297,7 +298,8 @@ Result<void> check_applies(const Recipe& recipe) {
 json to_json(const Recipe& recipe) {
   json out = json::object();
   for (const Option& option : options()) {
-    if (option.use == Use::field || !recipe.stated.contains(option.name)) continue;
+    if (option.use == Use::field || option.use == Use::cost || !recipe.stated.contains(option.name))
+      continue;
     const json value = option.get(recipe);
     if (value.is_null()) continue;  // a volume in memory
     out[option.name] = option.type.form == Form::file ? without_folders(value) : value;

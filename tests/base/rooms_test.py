@@ -23,7 +23,7 @@ PUBLIC = {
     'source/raycast': 'raycaster path_tracer',
     'source/mesh': 'mesh',
     'source/pictures': 'pictures',
-    'source/recipe': 'scene_description',
+    'source/recipe': 'recipe',
 }
 ROOM_OF_HEADER = {f'slf/{name}.h': room for room, names in PUBLIC.items() for name in names.split()}
 # Types without functions, which every room may use.

@@ -187,7 +187,7 @@ TEST(EntryDepth, IsStillTakenForEntryExtraLevels) {
   EXPECT_EQ(slf({"info", place / "--entry-depth.slf", "--json"}).json()["entry_depth"], 1);
   expect_refused(
       {"build", "scene:balls", "-o", "OUT.slf", "--entry-depth", "1", "--entry-extra-levels", "1"},
-      {"--entry-depth", "excludes --entry-extra-levels"});
+      {"--entry-extra-levels", "At Most 1"});
   const std::string help = slf({"build", "--help"}).out;
   EXPECT_EQ(help.find("--entry-depth"), std::string::npos);
   EXPECT_EQ(help.find("--entry-extra-levels UINT=0 Excludes"), std::string::npos) << help;
