@@ -172,6 +172,14 @@ Result<void> Manifest::set_states(std::span<const std::pair<std::string, OwnedJs
   return {};
 }
 
+Result<void> Manifest::check() const {
+  // A tile's payload has a decision for each candidate reference in the next coarser level.
+  if (codec::is_predictive(codec) && shape.levels > kMaxPredictedLevels)
+    return fail_without("levels", ErrorCode::usage, "levels ", shape.levels, ": with the codec ",
+                        codec, " expected at most ", kMaxPredictedLevels);
+  return shape.check();
+}
+
 OwnedJson Manifest::to_json() const {
   using nlohmann::json;
   OwnedJson owned = json::object();
@@ -269,13 +277,8 @@ Result<Manifest> Manifest::parse(std::string_view text, const std::string& file)
   manifest.codec = in.text("/codec");
   if (json.contains("provenance") && !json["provenance"].is_object())
     in.problem("/provenance", "is not an object");
-  // A tile's payload has a decision for each candidate reference in the next coarser level.
-  if (codec::is_predictive(manifest.codec) && manifest.shape.levels > kMaxPredictedLevels)
-    in.problem("/levels", "is more than " + std::to_string(kMaxPredictedLevels) +
-                              ", too many for a predictive codec");
   if (!in.error().empty()) return fail(ErrorCode::bad_file, in.error());
-  if (auto ok = manifest.shape.check(); !ok)
-    return bad_file(file, "manifest: ", ok.error().message);
+  if (auto ok = manifest.check(); !ok) return bad_file(file, "manifest: ", ok.error().message);
   manifest.provenance = json.contains("provenance") ? json["provenance"] : nlohmann::json::object();
   return manifest;
 }

@@ -44,6 +44,9 @@ struct Manifest {
   [[nodiscard]] Result<void> set_states(
       std::span<const std::pair<std::string, OwnedJson>> provenances);
 
+  /// usage: the shape is none, or its levels are too many for the codec.
+  [[nodiscard]] Result<void> check() const;
+
   [[nodiscard]] OwnedJson to_json() const;
   /// The provenance of a state. REQUIRES: it is 0, or below states.size().
   [[nodiscard]] OwnedJson provenance_of(unsigned state) const;

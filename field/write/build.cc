@@ -162,6 +162,7 @@ Result<Manifest> plan(std::span<const FieldState> states, const BuildOptions& op
   manifest.format = sample_format(options.half, options.depth);
   const auto plain = SLF_TRY(codec::make_codec(options.codec, manifest.format));
   manifest.codec = plain->spec();
+  SLF_TRY(manifest.check());
   std::vector<std::pair<std::string, OwnedJson>> provenances;
   for (const FieldState& state : states) {
     auto own = SLF_TRY(provenance_of(state));
@@ -202,8 +203,11 @@ Result<BuildReport> build(std::span<const FieldState> states, const std::string&
                                   /*copies=*/false, path));
   ShardOptions shard = options.shard;
   const auto coarser = SLF_TRY(open_coarser(manifest, shard));
+  SLF_TRY(check_shard(manifest.shape, shard));
   const auto [part, tiles] = SLF_TRY(plan_shard(TileTracer(scenes, manifest), manifest.shape, shard,
-                                                predicts(manifest) && !coarser));
+                                                predicts(manifest) && !coarser, [&] {
+                                                  return !progress || progress({0, 1});
+                                                }));
   if (part != all_keys(manifest.shape)) manifest.part = part;
   auto earlier = SLF_TRY(find_earlier_build(output, tiles, manifest));
   const bool in_place = earlier && earlier->in_place;

@@ -10,6 +10,7 @@
 // file, but they do not belong to its part (doc/decisions/cluster.md).
 #pragma once
 
+#include "base/go_on.h"
 #include "field/geometry/tile_order.h"
 #include "field/geometry/tile_selection.h"
 #include "field/write/tile_tracer.h"
@@ -23,9 +24,25 @@ struct ShardPlan {
   TileSelection tiles;  ///< all tiles to build: the part, and those it is predicted from
 };
 
-/// `predicted`: tiles are predicted from tiles that the same build makes. usage: no such shard or
-/// level.
+/// usage: no such shard or level, or levels with more tiles than anybody builds.
+[[nodiscard]] Result<void> check_shard(const FieldShape& shape, const ShardOptions& options);
+
+/// `predicted`: tiles are predicted from tiles that the same build makes. cancelled: stopped by
+/// `go_on`. REQUIRES: check_shard().
 [[nodiscard]] Result<ShardPlan> plan_shard(const TileTracer& tracer, const FieldShape& shape,
-                                           const ShardOptions& options, bool predicted);
+                                           const ShardOptions& options, bool predicted,
+                                           const GoOn& go_on);
+
+/// Calls f for each number of a range. There may be billions: asks now and then whether to go on.
+template <class F>
+[[nodiscard]] Result<void> for_each_number(NumberRange range, const GoOn& go_on, const F& f) {
+  constexpr std::uint64_t kAsks = 1 << 16;
+  for (std::uint64_t n = range.begin; n < range.end; ++n) {
+    if ((n - range.begin) % kAsks == kAsks - 1 && !go_on())
+      return fail(ErrorCode::cancelled, "interrupted; nothing was written");
+    f(n);
+  }
+  return {};
+}
 
 }  // namespace slf

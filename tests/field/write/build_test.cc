@@ -499,5 +499,44 @@ TEST(Build, HalfFloatColourIsKeptBitForBit) {
   }
 }
 
+TEST(BuildSize, WhatNobodyBuildsIsRefusedAtOnce) {
+  TemporaryFolder folder;
+  const auto scene = std::move(*make_analytic_scene("balls"));
+  const auto refuse = [&](unsigned levels, const std::string& codec, const char* expected) {
+    BuildOptions options = testing::lossless_options(4, 4, levels);
+    options.codec = codec;
+    const auto built = build_field(*scene, folder / "a.slf", options);
+    ASSERT_FALSE(built);
+    EXPECT_EQ(built.error().code, ErrorCode::usage);
+    EXPECT_STREQ(built.error().choice, "levels");
+    EXPECT_NE(built.error().message.find(expected), std::string::npos) << built.error().message;
+  };
+  refuse(7, "predictive:90", "levels 7: with the codec predictive:90 expected at most 6");
+  refuse(7, "zstd:1", "levels 7: 18325193792 tiles of each state, expected at most 4294967296");
+  refuse(10, "zstd:1", "choose fewer levels");
+  EXPECT_TRUE(folder.files().empty());
+}
+
+// A shard begins where a share of all rays ends, and needs tiles of others.
+TEST(BuildSize, PlansOfManyTilesCanBeStopped) {
+  TemporaryFolder folder;
+  const auto scene = std::move(*make_analytic_scene("balls"));
+  for (const char* codec : {"zstd:1", "predictive:90"})
+    for (const int calls : {1, 150}) {
+      BuildOptions options = testing::lossless_options(1, 1, 4);
+      options.codec = codec;
+      options.shard.index = options.shard.count = 2;
+      int left = calls;
+      const auto built = build_field(*scene, folder / "a.slf", options, [&](const Progress& p) {
+        EXPECT_EQ(p.done, 0u);
+        EXPECT_EQ(p.total, 1u) << "not asked while the build is planned";
+        return --left > 0;
+      });
+      ASSERT_FALSE(built);
+      EXPECT_EQ(built.error().code, ErrorCode::cancelled);
+      EXPECT_TRUE(folder.files().empty());
+    }
+}
+
 }  // namespace
 }  // namespace slf
