@@ -15,7 +15,10 @@ PageTable PageTable::make(std::uint64_t entry_sections, std::uint64_t exit_secti
   // The kernel provides zeros, which are pages of absent tiles, and uses no memory until a write.
   void* const at = mmap(nullptr, bytes, PROT_READ | PROT_WRITE,
                         MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
-  if (at != MAP_FAILED) table.pages_ = {static_cast<TilePage*>(at), Unmap{bytes}};
+  if (at == MAP_FAILED) return table;
+  // Of a large table few tiles are in use, far apart: 4 KiB each, not the 2 MiB of huge pages.
+  (void)madvise(at, bytes, MADV_NOHUGEPAGE);
+  table.pages_ = {static_cast<TilePage*>(at), Unmap{bytes}};
   return table;
 }
 

@@ -6,8 +6,10 @@
 
 #include <atomic>
 #include <chrono>
+#include <fstream>
 #include <random>
 #include <set>
+#include <sstream>
 #include <thread>
 
 #include "field/geometry/section.h"
@@ -61,6 +63,29 @@ class TileCacheTest : public ::testing::Test {
   static inline TemporaryFolder* folder_ = nullptr;
   static inline Field* field_ = nullptr;
 };
+
+/// What the kernel says of the memory at an address (VmFlags of /proc/self/smaps).
+std::string memory_flags(const void* address) {
+  const auto at = reinterpret_cast<std::uintptr_t>(address);
+  std::ifstream maps("/proc/self/smaps");
+  bool is_there = false;
+  for (std::string line; std::getline(maps, line);) {
+    std::uint64_t begin = 0, end = 0;
+    char dash = 0;
+    if (std::istringstream range(line); range >> std::hex >> begin >> dash >> end && dash == '-')
+      is_there = at >= begin && at < end;
+    if (is_there && line.starts_with("VmFlags:")) return line + " ";
+  }
+  return {};
+}
+
+// Otherwise a tile would take 2 MiB where huge pages are the rule.
+TEST(PageTable, HasNoHugePages) {
+  if (!std::ifstream("/sys/kernel/mm/transparent_hugepage/enabled")) GTEST_SKIP();
+  const PageTable table = PageTable::make(2048, 2048);
+  EXPECT_NE(memory_flags(table.pages()).find(" nh "), std::string::npos)
+      << memory_flags(table.pages());
+}
 
 TEST_F(TileCacheTest, ReadersFindWhatWasLoaded) {
   TileCache cache(field_->file(), kRoomy);
