@@ -145,9 +145,8 @@ struct EvaluateArguments {
 Result<std::vector<Picture>> pictures_of(const EvaluateArguments& a, const Field& field) {
   const auto built = nlohmann::json::parse(field.provenance(), nullptr, false);
   const bool from_pictures = text_of(built, "kind", "") == "pictures";
-  unsigned holdout = 0;
-  if (from_pictures && built.contains("holdout") && built["holdout"].is_number_unsigned())
-    holdout = built["holdout"].get<unsigned>();
+  const auto told = from_pictures ? built.value("holdout", nlohmann::json()) : nlohmann::json();
+  const unsigned holdout = told.is_number_unsigned() ? told.get<unsigned>() : 0;
   if (a.pictures.empty())
     return misuse(field.path(), "nothing to compare with: expected --volume or --pictures",
                   holdout > 0 ? "; a field keeps no path of its pictures: name them again" : "");

@@ -43,15 +43,9 @@ Result<std::uint64_t> LockedFile::size(const std::string& path) const {
   return static_cast<std::uint64_t>(status.st_size);
 }
 
-void LockedFile::pin(std::uint64_t transaction) const {
+void LockedFile::pin(std::uint64_t transaction, bool pins) const {
   if (transaction >= kFirstPin) return;
-  struct flock lock = lock_of(F_RDLCK, kFirstPin + transaction, 1);
-  (void)fcntl(descriptor(), F_OFD_SETLK, &lock);
-}
-
-void LockedFile::unpin(std::uint64_t transaction) const {
-  if (transaction >= kFirstPin) return;
-  struct flock lock = lock_of(F_UNLCK, kFirstPin + transaction, 1);
+  struct flock lock = lock_of(pins ? F_RDLCK : F_UNLCK, kFirstPin + transaction, 1);
   (void)fcntl(descriptor(), F_OFD_SETLK, &lock);
 }
 

@@ -44,8 +44,8 @@ class LockedFile {
 
   /// Pins the snapshot of a transaction until unpin() or destruction. Has no effect on file systems
   /// without locks: there a writer may reuse the snapshot's pages.
-  void pin(std::uint64_t transaction) const;
-  void unpin(std::uint64_t transaction) const;
+  void pin(std::uint64_t transaction, bool pins = true) const;
+  void unpin(std::uint64_t transaction) const { pin(transaction, false); }
 
   /// Takes the writer's lock. failed: another writer has it. io: the file system has no locks.
   [[nodiscard]] Result<void> lock_writer(const std::string& path) const;
