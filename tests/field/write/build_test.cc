@@ -522,7 +522,7 @@ TEST(BuildSize, PlansOfManyTilesCanBeStopped) {
   TemporaryFolder folder;
   const auto scene = std::move(*make_analytic_scene("balls"));
   for (const char* codec : {"zstd:1", "predictive:90"})
-    for (const int calls : {1, 150}) {
+    for (const int calls : {1, 100}) {
       BuildOptions options = testing::lossless_options(1, 1, 4);
       options.codec = codec;
       options.shard.index = options.shard.count = 2;
