@@ -72,7 +72,13 @@ tl::unexpected<Error> io_error(const std::string& path, std::string_view doing, 
   const ErrorCode code = cause == ENOENT   ? ErrorCode::not_found
                          : cause == ENOMEM ? ErrorCode::out_of_memory
                                            : ErrorCode::io;
-  return fail(code, path, ": ", doing, ": ", std::generic_category().message(cause));
+  return fail(code, path, ": ", doing, ": ", std::generic_category().message(cause),
+              cause == ENOENT ? hint_at_address(path) : "");
+}
+
+const char* hint_at_address(std::string_view path) {
+  if (path.find("://") == std::string_view::npos) return "";
+  return "; this takes no address but a file: fetch it before, as with `curl -LO ADDRESS`";
 }
 
 Descriptor::~Descriptor() {
@@ -261,8 +267,9 @@ Result<NewFile> copy_file(const std::string& from, const std::string& to,
 Result<std::uint64_t> file_size(const std::string& path) {
   struct stat status {};
   if (::stat(path.c_str(), &status) != 0)
-    return errno == ENOENT ? fail(ErrorCode::not_found, path, ": no such file")
-                           : io_error(path, "cannot open");
+    return errno == ENOENT
+               ? fail(ErrorCode::not_found, path, ": no such file", hint_at_address(path))
+               : io_error(path, "cannot open");
   if (!S_ISREG(status.st_mode)) return fail(ErrorCode::io, path, ": not a regular file");
   return static_cast<std::uint64_t>(status.st_size);
 }

@@ -23,6 +23,9 @@ namespace slf {
 [[nodiscard]] tl::unexpected<Error> io_error(const std::string& path, std::string_view doing,
                                              int cause = errno);
 
+/// What to add to an error about a file that is missing: how to get it, if the path is an address.
+[[nodiscard]] const char* hint_at_address(std::string_view path);
+
 /// A file descriptor that closes itself; below 0: none. Move-only.
 class Descriptor {
  public:

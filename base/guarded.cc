@@ -6,7 +6,9 @@
 
 namespace slf {
 
-Error error_of_exception() noexcept {
+namespace {
+
+Error error_of_the_exception() noexcept {
   try {
     throw;
   } catch (const std::bad_alloc&) {
@@ -24,6 +26,18 @@ Error error_of_exception() noexcept {
   }
   return {ErrorCode::out_of_memory,
           "out of memory"};  // short: a std::string holds it without allocating
+}
+
+}  // namespace
+
+Error error_of_exception(std::string_view place) noexcept {
+  Error error = error_of_the_exception();
+  if (place.empty()) return error;
+  try {
+    return {error.code, concat(place, ": ", error.message)};
+  } catch (...) {
+    return error;
+  }
 }
 
 }  // namespace slf

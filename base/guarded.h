@@ -5,13 +5,10 @@
 #include <type_traits>
 #include <utility>
 
+#include "base/try.h"
 #include "slf/error.h"
 
 namespace slf {
-
-/// The exception being handled, as an error: out_of_memory for std::bad_alloc, otherwise failed
-/// with the text of what(). REQUIRES: called in a catch block.
-[[nodiscard]] Error error_of_exception() noexcept;
 
 /// Calls f, which returns a Result or void. Returns its result, or its exception as an error.
 template <class F>

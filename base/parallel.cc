@@ -1,8 +1,11 @@
 #include "base/parallel.h"
 
+#include <pthread.h>
+
 #include <list>
 #include <new>
 #include <system_error>
+
 
 namespace slf {
 namespace {
@@ -10,9 +13,12 @@ namespace {
 /// Threads that wait for work. Waking one costs a fraction of starting one.
 class ThreadPool {
  public:
-  /// Never destroyed: after fork() its threads are missing in the child, which could not join them.
+  /// Never destroyed: its threads wait for ever. After fork() they are missing in the child, and
+  /// notifying a condition variable waits for those that it woke, so the child begins a new pool.
   static ThreadPool& instance() {
     static auto* const pool = new ThreadPool;
+    static const int renewed = pthread_atfork(nullptr, nullptr, [] { new (pool) ThreadPool; });
+    (void)renewed;
     return *pool;
   }
 

@@ -10,6 +10,7 @@
 // The test `base.try` finds such uses.
 #pragma once
 
+#include <string_view>
 #include <type_traits>
 #include <utility>
 
@@ -25,6 +26,11 @@ template <class T, class... Place>
   if (!result) return fail_in(result.error(), place..., ": ");
   return result;
 }
+
+/// The exception being handled, as an error: out_of_memory for std::bad_alloc, otherwise failed
+/// with the text of what(); after "PLACE: ", if there is one and memory for it. REQUIRES: called in
+/// a catch block. (WebAssembly has no exceptions.)
+[[nodiscard]] Error error_of_exception(std::string_view place = {}) noexcept;
 
 namespace internal {
 

@@ -72,6 +72,11 @@ CLI::Option* add_bytes(CLI::App& command, const std::string& name, std::uint64_t
       ->default_str(fmt::format("{}MiB", mebibytes));
 }
 
+CLI::Option* add_budget(CLI::App& command, std::uint64_t& memory) {
+  return add_bytes(command, "--memory", memory, "Budget for tiles and records under way")
+      ->default_str(fmt::format("{}MiB", kDefaultBudget >> 20));
+}
+
 CLI::Option* add_threads(CLI::App& command, unsigned& threads) {
   return add_number(command, "-j,--threads", threads, "0: all cores", from_to(0, kMaxThreads));
 }

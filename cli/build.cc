@@ -33,6 +33,7 @@ Result<void> run_build(const BuildArguments& arguments) {
   options.replace = arguments.force;
   const auto report = SLF_TRY(
       hinted(build_field(states, output, options, progress_bar("build", "rays", OnSignal::stop))));
+  note_budget(output, options.memory, report.memory);
   if (report.tiles == 0)
     note(fmt::format("{}: nothing is left to build", output));
   else if (report.resumed > 0)
@@ -58,7 +59,7 @@ void add_build(CLI::App& app, Run& run) {
   command->get_option("--each-label")->excludes("--states");
   a->shard.add_to(*command);
   BuildOptions& options = a->source.field;
-  add_bytes(*command, "--memory", options.memory, "Budget for tiles and records under way");
+  add_budget(*command, options.memory);
   add_threads(*command, options.threads);
   add_number(*command, "--commit-every", options.commit_seconds,
              "Seconds between commits; killing the build loses at most this much work",

@@ -119,6 +119,11 @@ template <std::integral T>
 /// Prints rows of cells, which are separated by tabs. All columns but the first are right-aligned.
 void print_table(const std::vector<std::string>& rows);
 
+/// Of commands that write a field, unless they are given one, or a tile needs more.
+inline constexpr std::uint64_t kDefaultBudget = 256 << 20;
+/// Says that a command which was `given` no budget, 0, has used more.
+void note_budget(const std::string& output, std::uint64_t given, std::uint64_t used);
+
 /// Makes malloc return freed blocks above 1/256 of a command's budget to the system, and keep
 /// smaller ones, because mapping each anew would take longer than copying it. If it kept large
 /// ones, the heap would grow without end, in pieces that are too small for the next tile.
@@ -258,6 +263,8 @@ CLI::Option* add_no_depth(CLI::App& command, bool& depth, const std::string& hel
 /// Adds an option for a number of bytes: "64MiB", "1.5G", "4096".
 CLI::Option* add_bytes(CLI::App& command, const std::string& name, std::uint64_t& bytes,
                        const std::string& help);
+/// Adds --memory to a command that writes a field.
+CLI::Option* add_budget(CLI::App& command, std::uint64_t& memory);
 /// Makes an option take so many numbers, with `delimiter` between them.
 CLI::Option* of_numbers(CLI::Option* option, int count, char delimiter = ',');
 /// Adds an option for three coordinates, "x,y,z". `vector` stays empty if it is not given.

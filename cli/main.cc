@@ -1,10 +1,17 @@
 // slf: sphere light fields on the command line.
 
+#include <cxxabi.h>
+#include <execinfo.h>
+#include <unistd.h>
+
 #include <csignal>
 #include <cstdio>
+#include <exception>
 #include <iostream>
+#include <new>
+#include <typeinfo>
 
-#include "base/guarded.h"
+#include "base/try.h"
 #include "cli/command.h"
 
 namespace {
@@ -12,6 +19,20 @@ namespace {
 using slf::Error;
 using slf::ErrorCode;
 using slf::Result;
+
+/// The last resort: memory ends in a function of a library that must not throw, before main(), or
+/// while an error is reported.
+[[noreturn]] void end_without_memory() {
+  const std::type_info* const thrown = abi::__cxa_current_exception_type();
+  if (thrown && *thrown != typeid(std::bad_alloc)) __gnu_cxx::__verbose_terminate_handler();
+  constexpr std::string_view kMessage = "slf: out of memory\n";
+  (void)!::write(STDERR_FILENO, kMessage.data(), kMessage.size());
+  ::_exit(exit_code(ErrorCode::out_of_memory));
+}
+
+/// Runs before the constructors of libraries.
+void prepare_for_the_end() { std::set_terminate(end_without_memory); }
+[[gnu::section(".preinit_array"), gnu::used]] void (*const first_of_all)() = prepare_for_the_end;
 
 int fail(const Error& error, slf::cli::Lines lines = slf::cli::Lines::indented) {
   slf::cli::message("slf: " + error.message +
@@ -54,6 +75,9 @@ int run_command(int argc, char** argv) {
 
 int main(int argc, char** argv) {
   slf::cli::reserve_standard_streams();
+  // The C library loads its unwinder when it first needs it, and aborts if there is no memory then.
+  void* here = nullptr;
+  (void)::backtrace(&here, 1);
   int code = 0;
   try {
     code = run_command(argc, argv);

@@ -20,6 +20,7 @@ Result<void> run_merge(const MergeArguments& a) {
   if (!report && report.error().choice && std::string_view(report.error().choice) == "part")
     return with_hint(report.error(), "build them, or let the output be a part with --part");
   if (!report) return hinted(Result<void>(tl::unexpected(report.error())));
+  note_budget(a.output, a.merge.memory, report->memory);
   if (a.json)
     print_json({{"parts", a.parts.size()},
                 {"tiles", report->tiles},
@@ -43,7 +44,7 @@ void add_merge(CLI::App& app, Run& run) {
                     "Replace the output, once the new field is complete");
   command->add_flag("--part", a->merge.part,
                     "The parts need not be all: the output may be a part, too");
-  add_bytes(*command, "--memory", a->merge.memory, "Budget for tiles and records under way");
+  add_budget(*command, a->merge.memory);
   add_threads(*command, a->merge.threads);
   command->add_flag("--json", a->json, "JSON on stdout");
 }

@@ -84,10 +84,17 @@ std::string human_count(double count) { return scaled(count, 1000, {"", "k", "M"
 
 void bound_freed_memory(std::uint64_t budget) {
 #ifdef __GLIBC__
-  const auto most = static_cast<int>(std::min<std::uint64_t>(budget, 1 << 30));
+  const std::uint64_t given = budget ? budget : kDefaultBudget;
+  const auto most = static_cast<int>(std::min<std::uint64_t>(given, 1 << 30));
   mallopt(M_MMAP_THRESHOLD, most / 256);
   mallopt(M_TRIM_THRESHOLD, most / 4);
 #endif
+}
+
+void note_budget(const std::string& output, std::uint64_t given, std::uint64_t used) {
+  if (given == 0 && used > kDefaultBudget)
+    note(output + ": its tiles needed a budget of " + human_bytes(used) + ", more than the usual " +
+         human_bytes(kDefaultBudget) + "; see --memory");
 }
 
 void print_table(const std::vector<std::string>& rows) {

@@ -94,6 +94,7 @@ Result<void> run_repack(const RepackArguments& a) {
   if (a.split) return split(a, states, options);
   const auto bar = progress_bar("repack", "tiles", OnSignal::stop);
   const auto report = SLF_TRY(hinted(join_states(states, a.output, options, bar)));
+  note_budget(a.output, a.repack.memory, report.memory);
   if (a.json)
     print_json({{"tiles", report.tiles},
                 {"copied", report.copied},
@@ -200,7 +201,7 @@ void add_repack(CLI::App& app, Run& run) {
   command->add_flag("--no-light", a->no_light,
                     "Leave out the light volume, which views do not need; evaluate then computes\n"
                     "it again");
-  add_bytes(*command, "--memory", a->repack.memory, "Budget for tiles and records under way");
+  add_budget(*command, a->repack.memory);
   add_threads(*command, a->repack.threads);
   command->add_flag("--json", a->json, "JSON on stdout");
 }
@@ -218,7 +219,7 @@ Exit code 0 when all is good or only tiles are missing, 3 when something is dama
   add_file(*command, "FIELD", a->field, "Field to check", kFieldFile)->required();
   command->add_flag("--quick", a->verify.quick, "Structure and counts only");
   command->add_flag("--fix", a->verify.fix, "Drop damaged tiles, so that build can refill them");
-  add_bytes(*command, "--memory", a->verify.memory, "Budget for tiles and records under way");
+  add_budget(*command, a->verify.memory);
   add_threads(*command, a->verify.threads);
   command->add_flag("--json", a->json, "JSON on stdout");
 }

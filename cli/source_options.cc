@@ -103,6 +103,7 @@ std::string hint_of(std::string_view choice) {
       {"transfer", "see --transfer and --range"},
       {"sphere", "see --center and --radius"},
       {"center", "see --center and --radius"},
+      {"fix", "`slf verify --fix` drops damaged tiles, and the build that made them refills them"},
       {"depth", "see --depth-kind and --depth-scale"},
       {"tone", "see --color-type and --lighting of `slf build`"}};
   if (const auto found = others.find(choice); found != others.end()) return found->second;

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 
+#include "base/per_thread.h"
 #include "base/try.h"
 #include "codec/scratch.h"
 #include "codec/zstd_frame.h"
@@ -79,7 +80,7 @@ Values* pair_of(const LaneStack& stack, Values* residuals, std::size_t group, st
 // Appends one zstd frame per byte of a channel's residuals, least significant byte first.
 Result<void> append_channel(const LaneStack& stack, std::size_t channel,
                             const LaneValues* residuals, int level, Bytes& payload) {
-  thread_local Scratch<std::uint8_t> scratch;
+  auto& scratch = per_thread<Scratch<std::uint8_t>>([] {});
   const std::span<std::uint8_t> stream = scratch.take(stack.stored);
   for (unsigned shift = 0; shift < stack.group.bits; shift += 8) {
     std::uint8_t* to = stream.data();
@@ -95,7 +96,7 @@ Result<void> append_channel(const LaneStack& stack, std::size_t channel,
 // Undoes append_channel and removes the bytes it read from the front of `payload`; untrusted.
 Result<void> read_channel(const LaneStack& stack, std::size_t channel, ByteSpan& payload,
                           LaneValues* residuals) {
-  thread_local Scratch<std::uint8_t> scratch;
+  auto& scratch = per_thread<Scratch<std::uint8_t>>([] {});
   const std::span<std::uint8_t> stream = scratch.take(stack.stored);
   const std::size_t columns = stack.tile.columns();
   for (std::size_t group = 0; group < group_count(stack.tile); ++group)
@@ -126,7 +127,8 @@ Result<void> read_channel(const LaneStack& stack, std::size_t channel, ByteSpan&
 // than one bit each, while a Huffman code spends at least one bit per symbol.
 Result<void> append_pair(const LaneStack& stack, const LaneValues* residuals, int level,
                          Bytes& payload) {
-  thread_local Scratch<std::uint8_t> symbol_scratch, escape_scratch;
+  auto& symbol_scratch = per_thread<Scratch<std::uint8_t>>([] {});
+  auto& escape_scratch = per_thread<Scratch<std::uint8_t>>([] {});
   const std::span<std::uint8_t> symbols = symbol_scratch.take(stack.stored);
   const std::span<std::uint8_t> escapes = escape_scratch.take(2 * symbols.size());
   const std::size_t columns = stack.tile.columns();
@@ -147,7 +149,8 @@ Result<void> append_pair(const LaneStack& stack, const LaneValues* residuals, in
 
 // Undoes append_pair and removes the bytes it read from the front of `payload`; untrusted.
 Result<void> read_pair(const LaneStack& stack, ByteSpan& payload, LaneValues* residuals) {
-  thread_local Scratch<std::uint8_t> symbol_scratch, escape_scratch;
+  auto& symbol_scratch = per_thread<Scratch<std::uint8_t>>([] {});
+  auto& escape_scratch = per_thread<Scratch<std::uint8_t>>([] {});
   const std::span<std::uint8_t> symbols = symbol_scratch.take(stack.stored);
   SLF_TRY(read_stream(payload, std::as_writable_bytes(symbols)));
   const auto escaped =

@@ -5,6 +5,7 @@
 #include <limits>
 #include <vector>
 
+#include "base/per_thread.h"
 #include "base/try.h"
 #include "codec/jpeg_decode.h"
 #include "codec/jpeg_encode.h"
@@ -122,7 +123,7 @@ Result<void> read_jpeg_alpha(const TileShape& tile, const Mosaic& mosaic, const 
   if (payload.size() < 4) return bad_file("JPEG", "the tile is cut short");
   const std::size_t size = load_le<std::uint32_t>(payload.data());
   if (size > payload.size() - 4) return bad_file("JPEG", "the tile is cut short");
-  thread_local Scratch<std::uint8_t> scratch;
+  auto& scratch = per_thread<Scratch<std::uint8_t>>([] {});
   const auto pixels = scratch.take(mosaic.pixels());
   SLF_TRY(decode_scan(tables, shape_of(mosaic, JpegColor::gray), payload.subspan(4, size), pixels));
   payload = payload.subspan(4 + size);

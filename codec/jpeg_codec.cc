@@ -4,6 +4,7 @@
 #include <cassert>
 #include <cstring>
 
+#include "base/per_thread.h"
 #include "base/try.h"
 #include "base/varint.h"
 #include "codec/color_kernel.h"
@@ -98,7 +99,7 @@ Result<void> JpegCodec::encode(const TileShape& tile, ByteSpan samples, const Pr
 // Computes samples from the pixels of a mosaic and the alpha of each sample.
 void blend(const TileShape& tile, const Mosaic& mosaic, std::span<const std::uint8_t> pixels,
            std::span<const std::uint8_t> alpha, std::span<std::byte> samples) {
-  thread_local Scratch<std::uint32_t> scratch;  // `samples` may have any alignment
+  auto& scratch = per_thread<Scratch<std::uint32_t>>([] {});  // `samples` may have any alignment
   const auto words = scratch.take(alpha.size());
   const ByteSpan from = std::as_bytes(pixels);
   for_each_sample(tile, mosaic, [&](std::size_t sample, std::size_t pixel) {
@@ -125,7 +126,7 @@ Result<void> JpegCodec::decode_depth(const TileShape& tile, ByteSpan& payload,
   const Mosaic mosaic(tile.rows(), tile.side, alignment(JpegColor::gray));
   const auto size = take_varint(payload);
   if (!size || *size > payload.size()) return bad_file("JPEG", "the tile is cut short");
-  thread_local Scratch<std::uint8_t> scratch;
+  auto& scratch = per_thread<Scratch<std::uint8_t>>([] {});
   const auto pixels = scratch.take(mosaic.pixels());
   SLF_TRY(
       decode_scan(tables_.depth, shape_of(mosaic, JpegColor::gray), payload.first(*size), pixels));
@@ -138,7 +139,8 @@ Result<void> JpegCodec::decode_depth(const TileShape& tile, ByteSpan& payload,
 
 Result<void> JpegCodec::decode_color(const TileShape& tile, const Mosaic& mosaic, ByteSpan payload,
                                      std::span<std::byte> colors) const {
-  thread_local Scratch<std::uint8_t> pixel_scratch, alpha_scratch;
+  auto& pixel_scratch = per_thread<Scratch<std::uint8_t>>([] {});
+  auto& alpha_scratch = per_thread<Scratch<std::uint8_t>>([] {});
   const std::size_t bytes = mosaic.pixels() * pixel_bytes(options_.color);
   // libjpeg-turbo writes rows that begin at multiples of 32 past the caches, where they are read
   // next: decoding would take a third longer.

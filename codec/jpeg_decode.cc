@@ -11,6 +11,8 @@
 #include <csetjmp>
 #include <cstring>
 
+#include "base/per_thread.h"
+
 namespace slf::codec {
 namespace {
 
@@ -134,7 +136,7 @@ Result<void> decode_scan(const JpegTables& tables, const JpegShape& shape, ByteS
                          std::span<std::uint8_t> pixels) {
   assert(pixels.size() == std::size_t{shape.width} * shape.height * pixel_bytes(shape.color));
   if (has_marker(scan)) return bad_file("JPEG", "a marker inside the scan");
-  thread_local Decompressor decompressor;
+  auto& decompressor = per_thread<Decompressor>([] {});
   const Bytes stream = stream_of(tables, shape, scan);
   if (const char* wrong = decompressor.decode(stream, shape, pixels.data()))
     return fail(decompressor.code(), "JPEG: ", wrong);

@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "base/half.h"
+#include "base/per_thread.h"
 #include "base/try.h"
 #include "codec/byte_streams.h"
 #include "codec/scratch.h"
@@ -110,7 +111,7 @@ struct ByteLanes {
   LaneValues* residuals;
 
   explicit ByteLanes(const TileShape& tile) {
-    thread_local Scratch<LaneValues> scratch;
+    auto& scratch = per_thread<Scratch<LaneValues>>([] {});
     const std::size_t one = group_count(tile) * tile.columns();
     values = scratch.take(2 * one).data();
     residuals = values + one;

@@ -1,5 +1,6 @@
 #include "codec/lanes.h"
 
+#include "base/per_thread.h"
 #include "base/tile_shape.h"
 #include "codec/scratch.h"
 
@@ -35,7 +36,7 @@ struct Neighbours {
 class Lines {
  public:
   explicit Lines(std::uint32_t side) : length_(side + 1), size_(3 * length_ + 1) {
-    thread_local Scratch<Lanes> scratch;
+    auto& scratch = per_thread<Scratch<Lanes>>([] {});
     memory_ = scratch.take(kMaxChannels * size_).data();
     for (std::size_t channel = 0; channel < kMaxChannels; ++channel)
       memory_[channel * size_ + nothing()] = {};

@@ -6,6 +6,7 @@
 #include <limits>
 #include <tuple>
 
+#include "base/per_thread.h"
 #include "codec/color_kernel.h"
 #include "codec/fill.h"
 #include "codec/jpeg_pictures.h"
@@ -303,8 +304,7 @@ struct PredictiveDecoder::Work {
     Scratch<std::int16_t> difference, colors[3];
   };
   static Kept& kept() {
-    thread_local Kept kept;
-    return kept;
+    return per_thread<Kept>([] {});
   }
 };
 

@@ -4,6 +4,7 @@
 #include <cassert>
 #include <cstring>
 
+#include "base/per_thread.h"
 #include "base/try.h"
 #include "codec/predictive_channels.h"
 #include "codec/reference_coder.h"
@@ -14,8 +15,9 @@ namespace {
 
 /// Of a tile of level 0: the same of every sample. Valid until the thread calls it again.
 Predicted unpredicted(std::size_t samples) {
-  thread_local std::vector<std::uint8_t> alpha, depth;
-  thread_local std::vector<std::uint32_t> color;
+  auto& alpha = per_thread<std::vector<std::uint8_t>>([] {});
+  auto& depth = per_thread<std::vector<std::uint8_t>>([] {});
+  auto& color = per_thread<std::vector<std::uint32_t>>([] {});
   alpha.assign(samples, kUnpredictedAlpha), depth.assign(samples, kUnpredictedDepth);
   color.assign(samples, kUnpredictedColor);
   return {0, {}, {}, {alpha, depth, color}};
@@ -110,7 +112,8 @@ Result<void> PredictiveCodec::decode_blocks(const TileShape& tile, ByteSpan payl
                                             std::span<std::byte> samples) const {
   PredictiveDecoder decoder(tables_.level(from.level), picture(tile), payload);
   SLF_TRY(pass_references(decoder, from));
-  thread_local Scratch<std::uint32_t> rgba_scratch;  // `samples` may have any alignment
+  auto& rgba_scratch =
+      per_thread<Scratch<std::uint32_t>>([] {});  // `samples` may have any alignment
   const auto rgba = rgba_scratch.take(tile.samples());
   const auto depths = samples.subspan(tile.color_bytes());
   SLF_TRY(decoder.decode(from.prediction,

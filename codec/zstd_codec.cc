@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cassert>
 
+#include "base/per_thread.h"
 #include "base/try.h"
 #include "codec/byte_streams.h"
 #include "codec/lane_samples.h"
@@ -133,7 +134,7 @@ Result<void> ZstdCodec::encode(const TileShape& tile, ByteSpan samples, const Pr
   assert(tile.format == format_ && samples.size() == tile.bytes());
   payload.clear();
   if (tile.bytes() == 0) return {};
-  thread_local Workspace work;
+  auto& work = per_thread<Workspace>([] {});
   work.size_for(tile);
   SLF_TRY(append_colors(tile, samples.first(tile.color_bytes()), level_, work, payload));
   if (!has_depth(format_)) return {};
@@ -145,7 +146,7 @@ Result<void> ZstdCodec::decode(const TileShape& tile, ByteSpan payload, const Pr
   assert(tile.format == format_ && samples.size() == tile.bytes());
   if (tile.bytes() == 0 && payload.empty()) return {};
   if (tile.bytes() == 0) return bad_file("zstd", "bytes for a tile without rows");
-  thread_local Workspace work;
+  auto& work = per_thread<Workspace>([] {});
   work.size_for(tile);
   SLF_TRY(read_colors(tile, payload, work, samples.first(tile.color_bytes())));
   if (has_depth(format_)) SLF_TRY(read_bytes(tile, payload, samples.subspan(tile.color_bytes())));

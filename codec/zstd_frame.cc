@@ -5,6 +5,7 @@
 #include <memory>
 #include <utility>
 
+#include "base/per_thread.h"
 #include "base/try.h"
 
 namespace slf::codec {
@@ -26,7 +27,8 @@ constexpr Parameters kEntropyOnly = {{ZSTD_c_strategy, ZSTD_fast},
 
 // Appends a frame. zstd chooses the parameters that are not given.
 Result<void> append_frame(ByteSpan stream, Parameters parameters, Bytes& to) {
-  thread_local const std::unique_ptr<ZSTD_CCtx, FreeContext> context(ZSTD_createCCtx());
+  auto& context = per_thread<std::unique_ptr<ZSTD_CCtx, FreeContext>>([] {});
+  if (!context) context.reset(ZSTD_createCCtx());
   if (!context) return fail(ErrorCode::out_of_memory, "zstd: out of memory");
   ZSTD_CCtx_reset(context.get(), ZSTD_reset_session_and_parameters);
   for (const auto& [parameter, value] : parameters)
@@ -59,7 +61,8 @@ Result<void> append_stream(ByteSpan stream, int level, Bytes& to) {
 
 Result<void> read_stream(ByteSpan& bytes, std::span<std::byte> stream) {
   if (stream.empty()) return {};
-  thread_local const std::unique_ptr<ZSTD_DCtx, FreeContext> context(ZSTD_createDCtx());
+  auto& context = per_thread<std::unique_ptr<ZSTD_DCtx, FreeContext>>([] {});
+  if (!context) context.reset(ZSTD_createDCtx());
   if (!context) return fail(ErrorCode::out_of_memory, "zstd: out of memory");
   const std::size_t frame = ZSTD_findFrameCompressedSize(bytes.data(), bytes.size());
   if (ZSTD_isError(frame)) return bad_file("zstd", ZSTD_getErrorName(frame));

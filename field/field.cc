@@ -269,7 +269,7 @@ Result<Field> Field::in_state(unsigned state) const {
     return Field(std::move(file));
   });
 }
-Result<Field> Field::in_state(const std::string& name) const {
+Result<Field> Field::in_state(const std::string& name) const try {
   const std::vector<std::string> names = states();
   const auto named = std::find(names.begin(), names.end(), name);
   if (named != names.end()) return in_state(static_cast<unsigned>(named - names.begin()));
@@ -283,6 +283,8 @@ Result<Field> Field::in_state(const std::string& name) const {
   return fail_without(
       "state", ErrorCode::usage, path(), ": has no state '", name, "'",
       names.empty() ? "; it has just one, without a name" : "; its states are: ", listed);
+} catch (...) {
+  return tl::unexpected(error_of_exception());
 }
 bool Field::linear() const {
   const auto is = [&](const char* member, const nlohmann::json& value) {

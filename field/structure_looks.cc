@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <iomanip>
-#include <sstream>
 
 #include "base/ascii.h"
 #include "base/try.h"
@@ -52,14 +51,14 @@ Result<std::vector<StructureLook>> parse_structures(std::span<const std::string>
 }
 
 std::string text_of(const StructureLook& look) {
-  std::ostringstream text;
-  text << look.name;
-  if (look.opacity != 1) text << ':' << look.opacity;
-  if (look.tint == StructureLook().tint) return text.str();
-  text << ":#" << std::hex << std::setfill('0');
+  std::string text = look.name;
+  if (look.opacity != 1) text += concat(':', look.opacity);
+  if (look.tint == StructureLook().tint) return text;
+  text += ":#";
   for (const float c : look.tint)
-    text << std::setw(2) << std::lround(std::clamp(c, 0.f, 1.f) * 255);
-  return text.str();
+    text += concat(std::hex, std::setfill('0'), std::setw(2),
+                   std::lround(std::clamp(c, 0.f, 1.f) * 255));
+  return text;
 }
 
 bool has_structures(const Field& field) {

@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "base/half.h"
+#include "base/per_thread.h"
 #include "base/try.h"
 #include "base/varint.h"
 #include "codec/color_kernel.h"
@@ -98,7 +99,7 @@ struct TileCoder::Relation {
       const ByteSpan bytes = as_bytes(from[i].samples, half, converted[i]);
       tiles[*k] = {bytes.data(), bytes.data() + bytes.size() / 5 * 4};
     }
-    thread_local PredictedSamples predicted;
+    auto& predicted = per_thread<PredictedSamples>([] {});
     TilePredictor(coarser, finer, sections, rows).predict(tiles, predicted);
     adjust(predicted);
     const codec::Predicted told{finer.level(), candidates.kinds(), used, predicted.view()};
@@ -182,7 +183,7 @@ Result<void> TileCoder::predict(TileKey key, const Head& head,
     }
   };
   if (predicts(key)) return Relation(*this, key).predict(from, half, adjust, code);
-  thread_local PredictedSamples predicted;
+  auto& predicted = per_thread<PredictedSamples>([] {});
   predicted.alpha.assign(of.size(), codec::kUnpredictedAlpha);
   predicted.depth.assign(of.size(), codec::kUnpredictedDepth);
   predicted.color.assign(of.size(), codec::kUnpredictedColor);

@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "base/file.h"
+#include "base/try.h"
 
 namespace slf {
 namespace {
@@ -41,7 +42,7 @@ AnimationWriter::AnimationWriter(AnimationWriter&&) noexcept = default;
 AnimationWriter& AnimationWriter::operator=(AnimationWriter&&) noexcept = default;
 AnimationWriter::~AnimationWriter() = default;
 
-Result<void> AnimationWriter::add(const Image& image, const glm::vec3& background) {
+Result<void> AnimationWriter::add(const Image& image, const glm::vec3& background) try {
   State& s = *state_;
   if (!s.encoder) {
     if (image.width > WEBP_MAX_DIMENSION || image.height > WEBP_MAX_DIMENSION)
@@ -68,9 +69,11 @@ Result<void> AnimationWriter::add(const Image& image, const glm::vec3& backgroun
     return fail(ErrorCode::failed, s.path, ": WebP: ", WebPAnimEncoderGetError(s.encoder.get()));
   ++s.frames;
   return {};
+} catch (...) {
+  return tl::unexpected(error_of_exception());
 }
 
-Result<void> AnimationWriter::close() {
+Result<void> AnimationWriter::close() try {
   State& s = *state_;
   WebPData data;
   WebPDataInit(&data);
@@ -83,6 +86,8 @@ Result<void> AnimationWriter::close() {
   WebPDataClear(&data);
   s.encoder.reset();
   return done;
+} catch (...) {
+  return tl::unexpected(error_of_exception());
 }
 
 }  // namespace slf

@@ -78,7 +78,7 @@ std::vector<std::uint8_t> to_rgb8(const Image& image, const glm::vec3& backgroun
 }
 
 Result<Bytes> encode_image(const std::string& path, const Image& image,
-                           const ImageFileOptions& options) {
+                           const ImageFileOptions& options) try {
   SLF_TRY(check_pixels(path, image));
   const std::string extension = lower_extension(path);
   if (extension == ".png") return image_formats::encode_png(path, image, options);
@@ -86,21 +86,27 @@ Result<Bytes> encode_image(const std::string& path, const Image& image,
     return image_formats::encode_jpeg(path, image, options);
   if (extension == ".exr") return image_formats::encode_exr(path, image);
   return misuse(path, "unknown kind of picture '", extension, "'; use .png, .jpg or .exr");
+} catch (...) {
+  return tl::unexpected(error_of_exception());
 }
 
 Result<void> write_image(const std::string& path, const Image& image,
-                         const ImageFileOptions& options) {
+                         const ImageFileOptions& options) try {
   const Bytes bytes = SLF_TRY(encode_image(path, image, options));
   return write_file(path, bytes);
+} catch (...) {
+  return tl::unexpected(error_of_exception());
 }
 
-Result<Image> read_image(const std::string& path) {
+Result<Image> read_image(const std::string& path) try {
   const auto check = [&](ByteSpan start) -> Result<void> {
     SLF_TRY(image_formats::decoder_for(path, start));
     return {};
   };
   const Bytes bytes = SLF_TRY(read_file(path, kMaxFileBytes, check));
   return image_formats::decode(path, bytes);
+} catch (...) {
+  return tl::unexpected(error_of_exception());
 }
 
 }  // namespace slf

@@ -14,6 +14,7 @@
 #include "base/bytes.h"
 #include "base/reporter.h"
 #include "base/try.h"
+#include "field/field_file.h"
 #include "field/structure_looks.h"
 #include "field/write/field_index.h"
 #include "page/fit.h"
@@ -116,11 +117,7 @@ Result<Posters> make_posters(Field field, const Views& views) {
       if (provenance.contains(key) && provenance[key].is_string())
         posters.title = fs::path(provenance[key].get<std::string>()).filename().string();
   ViewStatistics coarse;
-  auto image = renderer.render(camera, {mode, 0}, &coarse);
-  // A damaged field is shown as far as it can be read.
-  const auto is_damaged = [&] { return !image && image.error().code == ErrorCode::bad_file; };
-  if (is_damaged()) return posters;
-  SLF_TRY(std::move(image));
+  SLF_TRY(renderer.render(camera, {mode, 0}, &coarse));
   const std::vector itself{Structure{field}};
   for (const auto& [part, opacity, tint] : field.structures() ? *field.structures() : itself)
     SLF_TRY(list_tiles(part, {.last_level = 0}, [&](const ListedTile& tile) {
@@ -129,9 +126,8 @@ Result<Posters> make_posters(Field field, const Views& views) {
                          std::to_string(tile.offset_bytes + tile.payload_bytes) + " ";
       return Result<void>();
     }));
-  image = renderer.render(camera, {mode, matching_level(field.shape(), camera, mode)});
-  if (is_damaged()) return posters;
-  Image picture = SLF_TRY(std::move(image));
+  Image picture =
+      SLF_TRY(renderer.render(camera, {mode, matching_level(field.shape(), camera, mode)}));
   SLF_TRY(map_tones(field, std::nullopt, /*display=*/true, picture));
   for (const auto& [background, poster] : {std::pair{glm::vec3(0), &posters.dark},
                                            {glm::vec3(244, 245, 247) / 255.0f, &posters.light}})
@@ -234,6 +230,13 @@ Result<void> export_site(const Field& field, const std::string& input, const std
   return copy ? copy->publish(Existing::replace) : Result<void>();
 }
 
+/// bad_file: bytes of a tile do not match their checksum.
+Result<void> check_tiles(const Field& field) {
+  const auto& store = field.file().store();
+  return store.all_states().visit({0, 0}, {255, 0},
+                                  [&](const auto& tile) { return store.check(tile); });
+}
+
 /// Whether an export is one file.
 bool is_page_name(std::string_view output) {
   return output.ends_with(".html") || output.ends_with(".htm");
@@ -292,7 +295,7 @@ Result<Descriptor> repack_if_requested(const Field& field, std::string output,
                         repack.codec.empty() && repack.depth && !tells;
   // In a folder, a field without an index gets one and so becomes larger; a repacked one has it.
   const bool fits = !limited || (one_file && field.file_bytes() <= room);
-  if (as_it_is && fits) return Descriptor();
+  if (as_it_is && fits) return check_tiles(field).map([] { return Descriptor(); });
   while (output.size() > 1 && output.back() == '/') output.pop_back();
   const std::string path = output + ".exporting";
   std::error_code ignored;

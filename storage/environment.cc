@@ -14,7 +14,6 @@
 #include <memory>
 
 #include "base/file.h"
-#include "base/guarded.h"
 #include "base/try.h"
 #include "storage/internal/pages.h"
 

@@ -27,15 +27,23 @@ MapSlot* slot_of(std::uintptr_t address) {
   return nullptr;
 }
 
+bool is_armed();
+void arm();
+
 void call_previous(int signal, siginfo_t* info, void* context) {
-  if ((previous_action.sa_flags & SA_SIGINFO) != 0) {
-    previous_action.sa_sigaction(signal, info, context);
-  } else if (previous_action.sa_handler != SIG_DFL && previous_action.sa_handler != SIG_IGN) {
-    previous_action.sa_handler(signal);
-  } else {
-    // On return the access repeats and faults again, now with the default action.
+  const struct sigaction previous = previous_action;
+  const bool sent = info->si_code <= 0;  // by a process, not by an access
+  const bool armed = is_armed();         // else a later handler has called ours
+  if ((previous.sa_flags & SA_SIGINFO) != 0) {
+    previous.sa_sigaction(signal, info, context);
+  } else if (previous.sa_handler == SIG_DFL || (previous.sa_handler == SIG_IGN && !sent)) {
     ::signal(signal, SIG_DFL);
+    ::raise(signal);  // ends the process on return
+    return;
+  } else if (previous.sa_handler != SIG_IGN) {
+    previous.sa_handler(signal);
   }
+  if (armed) arm();  // again, if the previous handler has installed another one
 }
 
 // Runs in a signal handler: atomics and system calls only.
@@ -57,15 +65,27 @@ void on_bus_error(int signal, siginfo_t* info, void* context) {
   errno = saved_errno;
 }
 
+bool is_armed() {
+  struct sigaction now = {};
+  sigaction(SIGBUS, nullptr, &now);
+  return (now.sa_flags & SA_SIGINFO) != 0 && now.sa_sigaction == on_bus_error;
+}
+
+// Installs the handler unless it is installed.
+void arm() {
+  if (is_armed()) return;
+  struct sigaction action = {};
+  action.sa_sigaction = on_bus_error;
+  action.sa_flags = SA_SIGINFO | SA_ONSTACK;
+  sigemptyset(&action.sa_mask);
+  sigaction(SIGBUS, &action, &previous_action);
+}
+
 void install_handler() {
   static std::once_flag once;
   std::call_once(once, [] {
     system_page = static_cast<std::uintptr_t>(sysconf(_SC_PAGESIZE));
-    struct sigaction action = {};
-    action.sa_sigaction = on_bus_error;
-    action.sa_flags = SA_SIGINFO | SA_ONSTACK;
-    sigemptyset(&action.sa_mask);
-    sigaction(SIGBUS, &action, &previous_action);
+    arm();
   });
 }
 

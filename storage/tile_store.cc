@@ -252,8 +252,9 @@ Result<void> TileStore::verify(const TileRef& tile) const {
   const bool good = payload_checksum(in_file(tile.source), tile.payload) == tile.checksum;
   SLF_TRY(snapshot_->unchanged());
   if (good) return {};
-  return bad_file(path(), "tile ", name(in_file(tile.source)), ": the payload of ",
-                  tile.payload.size(), " bytes does not match its checksum");
+  return fail_without("fix", ErrorCode::bad_file, path(), ": tile ", name(in_file(tile.source)),
+                      ": the payload of ", tile.payload.size(),
+                      " bytes does not match its checksum");
 }
 
 Result<void> TileStore::copy(const TileRef& tile, std::span<std::byte> to) const {

@@ -383,9 +383,11 @@ Result<Edit*> TileWriter::State::edit(TileKey key) {
   return &at_record->second;
 }
 
-bool is_being_written(const std::string& path) {
+Result<void> check_no_writer(const std::string& path) {
   const auto file = LockedFile::open(path, LockedFile::Access::read);
-  return file && file->has_writer();
+  if (!file && file.error().code != ErrorCode::not_found) return tl::unexpected(file.error());
+  if (!file || !file->has_writer()) return {};
+  return fail(ErrorCode::busy, path, ": another process is writing it");
 }
 
 }  // namespace slf::storage

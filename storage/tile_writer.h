@@ -118,7 +118,7 @@ struct IndexExtra {
                                        std::span<const IndexExtra> extras = {},
                                        const GoOn& go_on = {});
 
-/// Whether any process has the container open to write. False for files that cannot be read.
-[[nodiscard]] bool is_being_written(const std::string& path);
+/// busy: a process has the container open to write. Others: whether one has cannot be told.
+[[nodiscard]] Result<void> check_no_writer(const std::string& path);
 
 }  // namespace slf::storage

@@ -3,6 +3,7 @@
 // upsampling and the fixed-point colours of libjpeg.
 
 #include "codec/jpeg_decode.h"
+#include "base/per_thread.h"
 
 #include <algorithm>
 #include <array>
@@ -237,7 +238,7 @@ Result<void> decode_scan(const JpegTables& tables, const JpegShape& shape, ByteS
   assert(pixels.size() == std::size_t{shape.width} * shape.height * pixel_bytes(shape.color));
   const std::size_t width = shape.width, height = shape.height;
   const std::size_t part = shape.color == JpegColor::ycbcr_420 ? 2 : 1;
-  thread_local Scratch<std::uint8_t> scratch;
+  auto& scratch = per_thread<Scratch<std::uint8_t>>([] {});
   std::array<Plane, 3> all;
   std::span<Plane> planes = all;
   if (shape.color == JpegColor::gray) {

@@ -5,6 +5,8 @@
 #include <numbers>
 #include <random>
 
+#include "base/try.h"
+
 namespace slf {
 namespace {
 
@@ -22,7 +24,7 @@ glm::dvec3 any_up(const glm::dvec3& forward) {
                                                             : glm::dvec3(0, 1, 0);
 }
 
-Result<RayGenerator> RayGenerator::make(const Camera& camera) {
+Result<RayGenerator> RayGenerator::make(const Camera& camera) try {
   const auto [eye, look_at, up, fov, width, height] = camera;
   if (width == 0 || height == 0)
     return fail(ErrorCode::usage, "size ", width, "x", height, ": a picture needs pixels");
@@ -52,6 +54,8 @@ Result<RayGenerator> RayGenerator::make(const Camera& camera) {
   rays.down_ = -y * pixel;
   rays.corner_ = ahead - rays.across_ * (width / 2.0) - rays.down_ * (height / 2.0);
   return rays;
+} catch (...) {
+  return tl::unexpected(error_of_exception());
 }
 
 double fitted_fov(const Sphere& sphere, double distance, std::uint32_t width,

@@ -53,7 +53,7 @@ double hermite(double b, double c, double slope_b, double slope_c, double u) {
 }  // namespace
 
 Result<CameraPath> CameraPath::orbit(const Sphere& sphere, double azimuth, double elevation,
-                                     double distance, double turns, double seconds) {
+                                     double distance, double turns, double seconds) try {
   for (const double value : {azimuth, elevation, distance, turns, seconds})
     if (!std::isfinite(value)) return fail(ErrorCode::usage, "orbit: expected finite numbers");
   if (!(distance > 0))
@@ -64,10 +64,12 @@ Result<CameraPath> CameraPath::orbit(const Sphere& sphere, double azimuth, doubl
   return CameraPath(sphere,
                     {{0, {azimuth, elevation, distance, c.x, c.y, c.z, 0}},
                      {seconds, {azimuth + 360 * turns, elevation, distance, c.x, c.y, c.z, 0}}});
+} catch (...) {
+  return tl::unexpected(error_of_exception());
 }
 
 Result<CameraPath> CameraPath::parse(std::string_view json, const std::string& name,
-                                     const Sphere& sphere) {
+                                     const Sphere& sphere) try {
   const auto root = nlohmann::json::parse(json, nullptr, false);
   if (!root.is_object() || !root.contains("keys") || !root["keys"].is_array())
     return bad_file(name, "expected JSON with an array \"keys\"");
@@ -117,11 +119,15 @@ Result<CameraPath> CameraPath::parse(std::string_view json, const std::string& n
   const double begin = path.front().at;
   for (Key& key : path) key.at -= begin;
   return CameraPath(sphere, std::move(path));
+} catch (...) {
+  return tl::unexpected(error_of_exception());
 }
 
-Result<CameraPath> CameraPath::read(const std::string& path, const Sphere& sphere) {
+Result<CameraPath> CameraPath::read(const std::string& path, const Sphere& sphere) try {
   const auto bytes = SLF_TRY(read_file(path, kMaxBytes));
   return parse({reinterpret_cast<const char*>(bytes.data()), bytes.size()}, path, sphere);
+} catch (...) {
+  return tl::unexpected(error_of_exception());
 }
 
 Camera CameraPath::at(double seconds, std::uint32_t width, std::uint32_t height) const {

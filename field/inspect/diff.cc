@@ -201,7 +201,8 @@ bool FieldDifference::alike(double min_psnr) const {
 }
 
 Result<FieldDifference> diff_fields(const Field& handle_a, const Field& handle_b,
-                                    const DiffOptions& options, const ProgressCallback& progress) {
+                                    const DiffOptions& options,
+                                    const ProgressCallback& progress) try {
   std::shared_ptr<const FieldFile> all_of_a, all_of_b;
   const bool composed = handle_a.structures() || handle_b.structures();
   if (options.all_states && !composed) {
@@ -261,6 +262,8 @@ Result<FieldDifference> diff_fields(const Field& handle_a, const Field& handle_b
     channel.worst_psnr = psnr(total[c].worst);
   }
   return difference;
+} catch (...) {
+  return tl::unexpected(error_of_exception());
 }
 
 }  // namespace slf

@@ -111,7 +111,7 @@ TileAddress address_of(const Field& field, TileKey key) {
   return {key.level, sections.entry.index, sections.exit.index};
 }
 
-Result<TileKey> find_tile(const Field& field, const TileAddress& address) {
+Result<TileKey> find_tile(const Field& field, const TileAddress& address) try {
   const FieldShape& shape = field.shape();
   const auto refuse = [&](const auto&... what) {
     return misuse(field.path(), "tile ", address.level, "/", address.entry, "/", address.exit, ": ",
@@ -128,9 +128,11 @@ Result<TileKey> find_tile(const Field& field, const TileAddress& address) {
        {static_cast<std::uint8_t>(address.level), static_cast<std::uint32_t>(address.exit)}});
   if (!shape.has(key)) return refuse("is in a subfield that the field does not have");
   return key;
+} catch (...) {
+  return tl::unexpected(error_of_exception());
 }
 
-Result<TileKey> find_tile(const Field& field, unsigned level, std::uint64_t index) {
+Result<TileKey> find_tile(const Field& field, unsigned level, std::uint64_t index) try {
   const FieldShape& shape = field.shape();
   const auto refuse = [&](const auto&... what) {
     return misuse(field.path(), "tile ", level, "/", index, ": ", what...);
@@ -141,12 +143,16 @@ Result<TileKey> find_tile(const Field& field, unsigned level, std::uint64_t inde
   const std::uint64_t count = tile_count(level, shape.entry_extra_levels);
   if (index < count) return refuse("is in a subfield that the field does not have");
   return refuse("level ", level, " has tiles 0 to ", count - 1);
+} catch (...) {
+  return tl::unexpected(error_of_exception());
 }
 
 Result<void> list_tiles(const Field& field, const TileFilter& filter,
-                        const std::function<Result<void>(const ListedTile&)>& visitor) {
+                        const std::function<Result<void>(const ListedTile&)>& visitor) try {
   SLF_TRY(check(field.file(), filter));
   return Listing(field, filter, visitor).run();
+} catch (...) {
+  return tl::unexpected(error_of_exception());
 }
 
 }  // namespace slf

@@ -7,7 +7,7 @@
 
 namespace slf {
 
-Result<TileSampleSet> read_tile(const TileReader& tiles, TileKey key, const std::string& name) {
+Result<TileSampleSet> read_tile(const TileReader& tiles, TileKey key, const std::string& name) try {
   const FieldFile& field = tiles.field().file();
   const bool depth = name == "depth";
   if (depth ? !field.has_depth() : name != "color")
@@ -36,9 +36,11 @@ Result<TileSampleSet> read_tile(const TileReader& tiles, TileKey key, const std:
     set.owner = std::move(tile);
   }
   return set;
+} catch (...) {
+  return tl::unexpected(error_of_exception());
 }
 
-Result<Image> tile_picture(const TileReader& tiles, TileKey key, const std::string& channel) {
+Result<Image> tile_picture(const TileReader& tiles, TileKey key, const std::string& channel) try {
   const auto set = SLF_TRY(read_tile(tiles, key, channel));
   std::vector<float> numbers;
   to_floats(set.half, set.samples, numbers);
@@ -62,6 +64,8 @@ Result<Image> tile_picture(const TileReader& tiles, TileKey key, const std::stri
         number += set.numbers;
       }
   return image;
+} catch (...) {
+  return tl::unexpected(error_of_exception());
 }
 
 }  // namespace slf

@@ -200,7 +200,7 @@ Result<void> add_footprint(const FieldFile& field, std::span<const TileKey> tile
 
 }  // namespace
 
-Result<Footprint> footprint(const Field& field, std::span<const TileKey> tiles) {
+Result<Footprint> footprint(const Field& field, std::span<const TileKey> tiles) try {
   Footprint sum;
   const auto distinct = distinct_files(field);
   for (const FieldFile* file : files_of(field)) {
@@ -211,6 +211,8 @@ Result<Footprint> footprint(const Field& field, std::span<const TileKey> tiles) 
   }
   sort_unique(sum.pages);
   return sum;
+} catch (...) {
+  return tl::unexpected(error_of_exception());
 }
 
 Result<void> drop_page_cache(const std::string& path) {
@@ -234,7 +236,7 @@ ResidentMemory resident_memory() {
 }
 
 Result<Measurement> measure_views(const Field& field, const MeasureOptions& options,
-                                  const ProgressCallback& progress) {
+                                  const ProgressCallback& progress) try {
   if (options.cameras.empty()) return fail(ErrorCode::usage, "views 0: expected at least one");
   std::vector<unsigned> levels = options.levels;
   if (levels.empty()) {
@@ -280,11 +282,13 @@ Result<Measurement> measure_views(const Field& field, const MeasureOptions& opti
   result.rss_anon_peak = peak.anonymous;
   result.rss_file_peak = peak.file;
   return result;
+} catch (...) {
+  return tl::unexpected(error_of_exception());
 }
 
 Result<Evaluation> evaluate_views(const Field& field, const Scene& scene,
                                   const EvaluateOptions& options,
-                                  const ProgressCallback& progress) {
+                                  const ProgressCallback& progress) try {
   const auto& cameras = options.cameras;
   const std::uint32_t supersample = options.supersample;
   if (cameras.empty()) return fail(ErrorCode::usage, "views 0: expected at least one");
@@ -313,6 +317,8 @@ Result<Evaluation> evaluate_views(const Field& field, const Scene& scene,
     result.ssim += view.ssim / static_cast<double>(cameras.size());
   }
   return result;
+} catch (...) {
+  return tl::unexpected(error_of_exception());
 }
 
 }  // namespace slf

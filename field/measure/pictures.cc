@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <cmath>
+#include <iomanip>
 #include <numbers>
 
 #include "base/reporter.h"
@@ -42,7 +43,7 @@ std::vector<bool> pixels_inside(const Sphere& sphere, const Picture& picture) {
 
 }  // namespace
 
-Result<Camera> camera_of(const Picture& picture) {
+Result<Camera> camera_of(const Picture& picture) try {
   const Lens& lens = picture.lens;
   Camera camera;
   camera.eye = picture.eye;
@@ -68,10 +69,19 @@ Result<Camera> camera_of(const Picture& picture) {
     }
   // Finer than the picture, because it is resampled.
   const double focal = 2 * std::max(lens.fx, lens.fy);
-  camera.width = static_cast<std::uint32_t>(std::min(2 * reach.x * focal + 4, 16384.0));
-  camera.height = static_cast<std::uint32_t>(std::min(2 * reach.y * focal + 4, 16384.0));
+  const glm::dvec2 size = glm::floor(2 * focal * reach + 4.0);
+  constexpr double kMostPixels = 16384;  // along a side
+  if (!(std::max(size.x, size.y) <= kMostPixels))
+    return unsupported(picture.name, "without the distortion of its lens it has ",
+                       concat(std::fixed, std::setprecision(0), size.x, "x", size.y),
+                       " pixels, more than ", kMostPixels, " along a side; scale the picture, and ",
+                       "the size, focal lengths and centre of its camera, down");
+  camera.width = static_cast<std::uint32_t>(size.x);
+  camera.height = static_cast<std::uint32_t>(size.y);
   camera.fov = 2 * std::atan(camera.height / 2.0 / focal) * kDegrees;
   return camera;
+} catch (...) {
+  return tl::unexpected(error_of_exception());
 }
 
 Image through_lens(const Picture& picture, const Camera& camera, Image view) {
@@ -93,7 +103,7 @@ Result<std::vector<PictureQuality>> evaluate_pictures(const Field& field,
                                                       const std::vector<Picture>& pictures,
                                                       const ViewOptions& view,
                                                       const RendererOptions& options,
-                                                      const ProgressCallback& progress) {
+                                                      const ProgressCallback& progress) try {
   if (pictures.empty()) return fail(ErrorCode::usage, "no pictures to compare with");
   Renderer renderer(field, options);
   std::vector<PictureQuality> qualities;
@@ -108,6 +118,8 @@ Result<std::vector<PictureQuality>> evaluate_pictures(const Field& field,
     SLF_TRY(reporter.add(1));
   }
   return qualities;
+} catch (...) {
+  return tl::unexpected(error_of_exception());
 }
 
 }  // namespace slf

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "base/per_thread.h"
 #include "field/predict/upsample_kernel.h"
 
 namespace slf {
@@ -94,8 +95,12 @@ void TilePredictor::predict(std::span<const ReferenceTile> from,
   predicted.alpha.resize(samples), predicted.depth.resize(samples);
   predicted.color.resize(samples);
   // Of a row, at columns further and further apart; each twice, to interpolate back and forth.
-  thread_local std::vector<std::uint8_t> alpha, depth, finer_alpha, finer_depth;
-  thread_local std::vector<std::uint32_t> color, finer_color;
+  auto& alpha = per_thread<std::vector<std::uint8_t>>([] {});
+  auto& depth = per_thread<std::vector<std::uint8_t>>([] {});
+  auto& finer_alpha = per_thread<std::vector<std::uint8_t>>([] {});
+  auto& finer_depth = per_thread<std::vector<std::uint8_t>>([] {});
+  auto& color = per_thread<std::vector<std::uint32_t>>([] {});
+  auto& finer_color = per_thread<std::vector<std::uint32_t>>([] {});
   for (auto* bytes : {&alpha, &depth, &finer_alpha, &finer_depth})
     bytes->resize(columns_ + kPadding);
   for (auto* colors : {&color, &finer_color}) colors->resize(columns_ + kPadding);

@@ -7,11 +7,13 @@
 namespace slf {
 
 Result<RemoteField> RemoteField::open(const std::string& url, const RemoteOptions& options,
-                                      const ProgressCallback& progress) {
+                                      const ProgressCallback& progress) try {
   auto source = SLF_TRY(HttpSource::open(url, options, progress));
   auto store = SLF_TRY(storage::TileStore::open(source));
   auto file = SLF_TRY(FieldFile::open(store));
   return RemoteField(std::move(source), Field::of(std::move(file)));
+} catch (...) {
+  return tl::unexpected(error_of_exception());
 }
 
 RemoteTraffic RemoteField::traffic() const { return source_->traffic(); }

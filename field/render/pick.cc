@@ -7,7 +7,7 @@
 namespace slf {
 
 Result<std::optional<PickedPoint>> pick(Renderer& renderer, const Camera& camera, double x,
-                                        double y) {
+                                        double y) try {
   const auto rays = SLF_TRY(RayGenerator::make(camera));
   if (!(x >= 0 && x < camera.width && y >= 0 && y < camera.height))
     return fail(ErrorCode::usage, "no pixel ", x, ",", y, " in a picture of ", camera.width, "x",
@@ -37,6 +37,8 @@ Result<std::optional<PickedPoint>> pick(Renderer& renderer, const Camera& camera
   const double step = 2 * sphere.radius / 255;  // of the longest chord
   return PickedPoint{rays.eye() + depth * ray, depth,
                      std::sqrt(step * step / 12 + squares / count)};
+} catch (...) {
+  return tl::unexpected(error_of_exception());
 }
 
 }  // namespace slf

@@ -1,5 +1,7 @@
 #include "slf/player.h"
 
+#include <unistd.h>
+
 #include <algorithm>
 #include <array>
 #include <atomic>
@@ -54,10 +56,12 @@ const char* name(Loading loading) {
   return kNames[static_cast<int>(loading)];
 }
 
-Result<Loading> parse_loading(std::string_view text) {
+Result<Loading> parse_loading(std::string_view text) try {
   for (const auto loading : {Loading::ahead, Loading::demand, Loading::wait})
     if (text == name(loading)) return loading;
   return fail(ErrorCode::usage, "unknown loading '", text, "'; expected ahead, demand or wait");
+} catch (...) {
+  return tl::unexpected(error_of_exception());
 }
 
 Camera predict(const glm::dvec3& center, const Camera& before, const Camera& now, double frames) {
@@ -174,6 +178,7 @@ class Player::Loader {
       LevelPacer::Plan paced{.requested = level_, .resting = resting_};
       view_.level = pacer_.level(paced.requested);
       lock.unlock();
+      std::optional<AtWork> at_work(std::in_place);
 
       current_ = plan;
       std::erase_if(missing, [&](TileKey key) { return key.level > view_.level; });
@@ -186,6 +191,7 @@ class Player::Loader {
         return room;
       });
 
+      at_work.reset();
       lock.lock();
       if (!ok && !error_) error_ = std::move(ok.error());  // a copy would take memory
       const std::chrono::duration<double> busy = std::exchange(busy_, {});
@@ -293,6 +299,11 @@ struct Player::State {
       : renderer(std::move(with)), options(play_options) {
     options.view.wait = options.loading == Loading::wait;
   }
+  ~State() {
+    if (!working()) (void)loader.release();
+  }
+  /// The loader; null if there is none, or if its thread is missing in this process, a forked one.
+  [[nodiscard]] Loader* working() const { return getpid() == process ? loader.get() : nullptr; }
   [[nodiscard]] TileCache& cache() const { return renderer.tiles().cache(); }
   [[nodiscard]] Result<void> draw(const Camera& camera, Image& image, FrameReport* report);
 
@@ -304,6 +315,7 @@ struct Player::State {
   std::optional<Camera> before;    // of that frame
   std::optional<Camera> expected;  // the prediction for the next frame
   unsigned steady = 0;             // successive frames for which the prediction was right
+  const pid_t process = getpid();
   std::unique_ptr<Loader> loader;
 };
 
@@ -325,7 +337,7 @@ Result<Player> Player::make(TileReader tiles, const PlayOptions& options) {
       [&] { return make(Renderer(std::move(tiles), options.renderer.threads), options); });
 }
 
-Result<Player> Player::make(Renderer renderer, const PlayOptions& options) {
+Result<Player> Player::make(Renderer renderer, const PlayOptions& options) try {
   const Field& field = renderer.tiles().field();
   SLF_TRY(check_view(field, options.view));
   auto state = std::make_unique<State>(std::move(renderer), options);
@@ -346,6 +358,8 @@ Result<Player> Player::make(Renderer renderer, const PlayOptions& options) {
   state->seen = cache.statistics();
   if (!waits) state->loader = std::make_unique<Loader>(state->renderer, state->options.view);
   return Player(std::move(state));
+} catch (...) {
+  return tl::unexpected(error_of_exception());
 }
 
 Result<void> Player::draw(const Camera& camera, Image& image, FrameReport* report) {
@@ -353,6 +367,8 @@ Result<void> Player::draw(const Camera& camera, Image& image, FrameReport* repor
 }
 
 Result<void> Player::State::draw(const Camera& camera, Image& image, FrameReport* report) {
+  if (loader && !working())
+    return fail(ErrorCode::usage, "the player is of the process that this one was forked from");
   const auto begin = Clock::now();
   // If there is time between frames, the loader pauses while a frame is drawn.
   const bool alone = loader && begin - ended > (ended - began) / kGap;
@@ -404,14 +420,15 @@ Result<void> Player::State::draw(const Camera& camera, Image& image, FrameReport
 }
 
 void Player::expect(const Camera& camera) {
-  if (!state_->loader) return;
+  Loader* const loader = state_->working();
+  if (!loader) return;
   const unsigned finest = state_->renderer.tiles().field().shape().levels;
-  state_->loader->plan({}, {camera}, std::min(state_->options.view.level, finest),
-                       state_->cache().now(), false);
+  loader->plan({}, {camera}, std::min(state_->options.view.level, finest), state_->cache().now(),
+               false);
 }
 
 void Player::settle() {
-  if (state_->loader) state_->loader->settle();
+  if (Loader* const loader = state_->working()) loader->settle();
 }
 
 }  // namespace slf

@@ -71,12 +71,14 @@ const char* name(RenderMode mode) {
   return kNames[static_cast<int>(mode)];
 }
 
-Result<RenderMode> parse_render_mode(std::string_view text) {
+Result<RenderMode> parse_render_mode(std::string_view text) try {
   for (const auto mode :
        {RenderMode::nearest, RenderMode::uv, RenderMode::st, RenderMode::bitri, RenderMode::depth})
     if (text == name(mode)) return mode;
   return fail(ErrorCode::usage, "unknown mode '", text,
               "'; expected nearest, uv, st, bitri or depth");
+} catch (...) {
+  return tl::unexpected(error_of_exception());
 }
 
 RenderMode default_mode(const Field& field) {
@@ -99,7 +101,9 @@ Renderer::Renderer(TileReader tiles, unsigned threads) {
 }
 Renderer::Renderer(Renderer&&) noexcept = default;
 Renderer& Renderer::operator=(Renderer&&) noexcept = default;
-Renderer::~Renderer() = default;
+Renderer::~Renderer() {
+  if (state_ && state_->tiles.cache().lost()) (void)state_.release();
+}
 
 const TileReader& Renderer::tiles() const { return state_->tiles; }
 
@@ -109,17 +113,19 @@ unsigned matching_level(const FieldShape& shape, const Camera& camera, RenderMod
   return matching_level(shape, pixel, mode == RenderMode::depth);
 }
 
-Result<void> check_view(const Field& field, const ViewOptions& options) {
+Result<void> check_view(const Field& field, const ViewOptions& options) try {
   if (options.level != kMatchingLevel && options.level > field.shape().levels)
     return misuse(field.path(), "level ", options.level, ": the finest level of this field is ",
                   field.shape().levels);
   if (options.needs_depth() && !field.has_depth())
     return misuse(field.path(), "has no depth, which mode depth needs; mode bitri needs none");
   return {};
+} catch (...) {
+  return tl::unexpected(error_of_exception());
 }
 
 Result<void> map_tones(const Field& field, const std::optional<ToneMapping>& tone, bool display,
-                       Image& image) {
+                       Image& image) try {
   if (tone && !field.linear())
     return fail_without("tone", ErrorCode::usage, field.path(),
                         ": tone mapping needs linear radiance: half floats, built with shadowed or "
@@ -128,6 +134,8 @@ Result<void> map_tones(const Field& field, const std::optional<ToneMapping>& ton
   const ToneMapper map(tone.value_or(ToneMapping{}));
   for (glm::vec4& pixel : image.rgba) pixel = map(pixel);
   return {};
+} catch (...) {
+  return tl::unexpected(error_of_exception());
 }
 
 namespace {
@@ -267,10 +275,12 @@ class ViewJob {
 }  // namespace
 
 Result<Image> Renderer::render(const Camera& camera, const ViewOptions& options,
-                               ViewStatistics* statistics, const ProgressCallback& progress) {
+                               ViewStatistics* statistics, const ProgressCallback& progress) try {
   Image image;
   SLF_TRY(render(camera, options, image, statistics, progress));
   return image;
+} catch (...) {
+  return tl::unexpected(error_of_exception());
 }
 
 Result<void> Renderer::render(const Camera& camera, const ViewOptions& options, Image& image,
@@ -280,6 +290,7 @@ Result<void> Renderer::render(const Camera& camera, const ViewOptions& options, 
 
 Result<void> Renderer::draw(const Camera& camera, const ViewOptions& requested, Image& image,
                             ViewStatistics* statistics, const ProgressCallback& progress) {
+  const AtWork at_work;
   const auto rays = SLF_TRY(RayGenerator::make(camera));
   const FieldFile& field = state_->tiles.field().file();
   TileCache& cache = state_->tiles.cache();
@@ -380,7 +391,7 @@ Result<void> Renderer::fetch(const Camera& camera, ViewOptions options, Image& p
 }
 
 Result<std::vector<TileKey>> crossed_pairs(const FieldShape& shape, const Camera& camera,
-                                           unsigned level) {
+                                           unsigned level) try {
   const auto rays = SLF_TRY(RayGenerator::make(camera));
   const unsigned entry_level = level + shape.entry_extra_levels;
   std::vector<TileKey> keys;
@@ -400,6 +411,8 @@ Result<std::vector<TileKey>> crossed_pairs(const FieldShape& shape, const Camera
   }
   sort_unique(keys);
   return keys;
+} catch (...) {
+  return tl::unexpected(error_of_exception());
 }
 
 }  // namespace slf

@@ -2,6 +2,8 @@
 
 #include <cassert>
 
+#include "base/guarded.h"
+
 namespace slf {
 
 void Scene::trace_many(std::span<const Segment> rays, std::span<RaySample> out) const {
@@ -15,7 +17,9 @@ double Scene::reach(const glm::dvec3& from) const {
 }
 
 Result<void> Scene::share_light(std::shared_ptr<const Scene> /*from*/) const {
-  return fail(ErrorCode::usage, "only volumes under shadowed or global light share it");
+  return guarded([&] {
+    return fail(ErrorCode::usage, "only volumes under shadowed or global light share it");
+  });
 }
 
 }  // namespace slf

@@ -93,6 +93,7 @@ void TileCache::pin_locked(LoadedTile& tile) {
 }
 
 void TileCache::unpin(LoadedTile& tile) {
+  if (lost()) return;
   const ScopedLock scoped(*this);
   tiles_.unpin(tile, now());
 }
@@ -151,6 +152,8 @@ FoundTiles TileCache::locate(std::span<const TileKey> keys) {
 
 Result<std::vector<TileCache::Pin>> TileCache::load(std::span<const TileKey> keys,
                                                     const FoundTiles& found) {
+  const AtWork at_work(AtWork::Kind::inner);
+  SLF_TRY(check_kept());
   struct Counted {
     std::atomic<std::uint32_t>& count;
     explicit Counted(std::atomic<std::uint32_t>& of) : count(of) { ++count; }
@@ -220,7 +223,14 @@ TileCache::Batch TileCache::next_batch(std::span<const TileKey> keys,
   return {count, {references.begin(), references.end()}};
 }
 
+Result<void> TileCache::check_kept() const {
+  if (!lost()) return {};
+  return fail(ErrorCode::failed, field_.path(),
+              ": this process was forked while threads read the field; open it again");
+}
+
 Result<void> TileCache::check_level(unsigned level) const {
+  SLF_TRY(check_kept());
   if (tables_[level]) return {};
   return fail_without("memory", ErrorCode::unsupported, field_.path(), ": level ", level, ": its ",
                       tile_count(level, field_.shape().entry_extra_levels),

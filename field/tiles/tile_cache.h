@@ -27,6 +27,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/fork.h"
 #include "field/field_file.h"
 #include "field/tiles/loaded_tiles.h"
 #include "field/tiles/map_budget.h"
@@ -92,6 +93,11 @@ class TileCache {
             bool in_place = true, const std::vector<Structure>* structures = nullptr);
   ~TileCache();
 
+  /// Whether this process was forked while threads used this, which may be locked for ever. Then
+  /// load() and check_level() fail, pins end without a trace, and nothing else may be called, not
+  /// even the destructor.
+  [[nodiscard]] bool lost() const { return forks_ != torn_forks(); }
+
   [[nodiscard]] const FieldFile& field() const { return field_; }
   [[nodiscard]] std::uint64_t budget() const { return budget_; }
 
@@ -144,6 +150,8 @@ class TileCache {
   void reset_peak();
 
  private:
+  /// failed: see lost().
+  [[nodiscard]] Result<void> check_kept() const;
   void pin_locked(LoadedTile& tile);
   void unpin(LoadedTile& tile);
   /// Shows readers that a tile is loaded.
@@ -184,6 +192,7 @@ class TileCache {
   };
 
   const FieldFile& field_;
+  const unsigned forks_ = torn_forks();
   const bool composed_;
   std::vector<Part> parts_;  // the structures, if the field is composed
   const std::uint64_t budget_;

@@ -17,7 +17,9 @@ struct TileReader::State {
 };
 
 TileReader::TileReader(const Field& field, const TileReaderOptions& options)
-    : state_(std::make_shared<State>(field, options)) {}
+    : state_(new State(field, options), [](State* state) {
+        if (!state->cache.lost()) delete state;
+      }) {}
 
 const Field& TileReader::field() const { return state_->field; }
 TileCache& TileReader::cache() const { return state_->cache; }
@@ -30,6 +32,7 @@ Result<TileReader::Tile> TileReader::read(TileKey key) const {
     std::shared_ptr<State> state;  // outlives the pin
     TileCache::Pin pin;
   };
+  const AtWork at_work;
   return guarded([&]() -> Result<Tile> {
     auto pin = SLF_TRY(cache().load(key));
     auto held = std::make_shared<Held>(Held{state_, std::move(pin)});

@@ -77,6 +77,7 @@ Result<std::optional<EarlierBuild>> find_earlier_build(const FieldOutput& output
     return name_is_taken({ErrorCode::usage, file + ": is a link"});
   if (!in_place && !std::filesystem::exists(file, ignored)) return std::nullopt;
   const auto field = FieldFile::whole(file);
+  if (!field && field.error().code == ErrorCode::not_found) return std::nullopt;  // by now
   if (!field && in_place) return tl::unexpected(field.error());
   if (!field) return name_is_taken(field.error());
   const Manifest& existing = (*field)->manifest();
@@ -212,7 +213,7 @@ Result<BuildReport> build(std::span<const FieldState> states, const std::string&
   auto earlier = SLF_TRY(find_earlier_build(output, tiles, manifest));
   const bool in_place = earlier && earlier->in_place;
   const TileSelection missing = earlier ? std::move(earlier->missing) : tiles;
-  BuildReport report;
+  BuildReport report{.memory = budget.memory};
   report.resumed = tiles.count() - missing.count();
   if (in_place && missing.count() == 0) return report;
 
@@ -281,19 +282,18 @@ Sphere bounds_of(std::span<const FieldState> states) {
 }
 
 Result<BuildReport> build_field(const Scene& scene, const std::string& path,
-                                const BuildOptions& options, const ProgressCallback& progress) {
+                                const BuildOptions& options, const ProgressCallback& progress) try {
   const FieldState state{"", &scene};
   return build_field({&state, 1}, path, options, progress);
+} catch (...) {
+  return tl::unexpected(error_of_exception());
 }
 
 Result<BuildReport> build_field(std::span<const FieldState> states, const std::string& path,
-                                const BuildOptions& options, const ProgressCallback& progress) {
-  try {
-    return build(states, path, options, progress);
-  } catch (...) {  // from the scene, or std::bad_alloc
-    const Error error = error_of_exception();
-    return fail(error.code, path, ": ", error.message);
-  }
+                                const BuildOptions& options, const ProgressCallback& progress) try {
+  return build(states, path, options, progress);
+} catch (...) {  // from the scene, or std::bad_alloc
+  return tl::unexpected(error_of_exception(path));
 }
 
 }  // namespace slf

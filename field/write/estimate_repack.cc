@@ -9,6 +9,7 @@
 #include "field/geometry/tile_order.h"
 #include "field/reference_index.h"
 #include "field/write/repack_plan.h"
+#include "field/write/write_budget.h"
 #include "slf/repack.h"
 
 namespace slf {
@@ -103,9 +104,9 @@ Result<Estimate> sample(const TileSource& source, const TileCoder& coder, const 
 }  // namespace
 
 Result<RepackEstimate> estimate_repack(const Field& handle, const RepackOptions& options,
-                                       const ProgressCallback& progress) {
+                                       const ProgressCallback& progress) try {
   const StateSource state{"", handle};
-  const auto plan = SLF_TRY(plan_repack({&state, 1}, options, options.memory / 3));
+  const auto plan = SLF_TRY(plan_repack({&state, 1}, options, 4 * cache_share(options.memory)));
   const FieldShape& shape = plan.manifest.shape;
   const TileOrder order(shape);
   Progress work;
@@ -140,6 +141,8 @@ Result<RepackEstimate> estimate_repack(const Field& handle, const RepackOptions&
   estimate.file_bytes = whole(file);
   estimate.file_error_bytes = whole(error + kFileUncertainty * file + kTreeBytes / 2);
   return estimate;
+} catch (...) {
+  return tl::unexpected(error_of_exception());
 }
 
 }  // namespace slf

@@ -17,7 +17,17 @@ namespace {
 using storage::TileWriter;
 
 constexpr std::uint64_t kPendingLimit = 32ull << 20;
-constexpr const char* kAnotherProcess = ": another process is writing it";
+
+/// busy: another process was faster.
+tl::unexpected<Error> just_written(const std::string& path) {
+  return fail(ErrorCode::busy, path, ": another process has just written it; try again");
+}
+
+/// busy: another process is writing the output itself, which is to be replaced.
+Result<void> check_no_writer(const FieldOutput& output) {
+  return output.existing == Existing::replace ? storage::check_no_writer(output.target)
+                                              : Result<void>();
+}
 
 /// Removes a draft that an earlier process left. Refuses to remove what is no draft: a file that is
 /// not a field, one that another process is writing, or a complete field, unless it has the
@@ -26,7 +36,8 @@ Result<void> remove_leftover(const std::string& file, ByteSpan manifest) {
   struct stat status {};
   if (::lstat(file.c_str(), &status) != 0) return {};
   if (S_ISLNK(status.st_mode)) return name_is_taken({ErrorCode::usage, file + ": is a link"});
-  const auto writer = TileWriter::resume(file);  // holds the writer's lock
+  const auto writer = TileWriter::resume(file);                           // holds the writer's lock
+  if (!writer && writer.error().code == ErrorCode::not_found) return {};  // by now
   if (!writer && writer.error().code == ErrorCode::busy) return tl::unexpected(writer.error());
   if (!writer) return name_is_taken(writer.error());
   const auto field = FieldFile::whole(file);
@@ -115,7 +126,7 @@ Result<FieldWriter> FieldWriter::create(const FieldOutput& output, Draft draft,
                                         const Manifest& manifest, ByteSpan tables, ByteSpan light) {
   // A build that finds its output goes on with it. If it is there now, it has just been finished.
   if (draft == Draft::keep && output.existing == Existing::keep && output.exists())
-    return fail(ErrorCode::busy, output.path, ": another process has just written it; try again");
+    return just_written(output.path);
   if (output.existing == Existing::keep && output.exists())
     return misuse(output.path, "exists; choose another output, or let it be replaced");
   const auto text = SLF_TRY(encode(manifest, output.path));
@@ -124,16 +135,19 @@ Result<FieldWriter> FieldWriter::create(const FieldOutput& output, Draft draft,
   if (!light.empty()) blobs.emplace_back(kLightBlob, Bytes(light.begin(), light.end()));
 
   const std::string file = draft == Draft::keep ? output.unfinished() : output.repacking();
-  if (output.existing == Existing::replace && storage::is_being_written(output.target))
-    return fail(ErrorCode::busy, output.path, kAnotherProcess);
-  if (auto cleared = remove_leftover(file, text); !cleared) {
-    if (cleared.error().code != ErrorCode::busy) return tl::unexpected(cleared.error());
-    return fail(ErrorCode::busy, output.path, kAnotherProcess, " (", file, ")");
-  }
+  const auto busy = [&] {
+    return fail(ErrorCode::busy, output.path, ": another process is writing it (", file, ")");
+  };
+  SLF_TRY(check_no_writer(output));
+  if (auto cleared = remove_leftover(file, text); !cleared)
+    return cleared.error().code == ErrorCode::busy ? busy() : tl::unexpected(cleared.error());
   auto begun = TileWriter::create(file, blobs, output.path);
-  if (!begun && begun.error().code == ErrorCode::usage)  // the draft was begun meanwhile
-    return fail(ErrorCode::busy, output.path, kAnotherProcess, " (", file, ")");
+  if (!begun && begun.error().code == ErrorCode::usage) return busy();  // begun meanwhile
   auto writer = SLF_TRY(std::move(begun));
+  if (output.existing == Existing::keep && output.exists()) {  // written meanwhile
+    unlink(file.c_str());
+    return just_written(output.path);
+  }
   auto created = guarded([&]() -> Result<FieldWriter> {
     // The draft of a file that replaces a private one must never be public.
     if (output.existing == Existing::replace)
@@ -149,15 +163,16 @@ Result<FieldWriter> FieldWriter::create(const FieldOutput& output, Draft draft,
 }
 
 Result<FieldWriter> FieldWriter::open(const std::string& file, std::uint64_t transaction) {
-  auto writer = SLF_TRY(TileWriter::resume(file));
+  auto resumed = TileWriter::resume(file);
+  if (!resumed && resumed.error().code == ErrorCode::not_found) return just_written(file);
+  auto writer = SLF_TRY(std::move(resumed));
   if (writer.transaction() != transaction)
     return fail(ErrorCode::busy, file, ": another process has just written to it; try again");
   return FieldWriter(std::move(writer), file);
 }
 
 Result<FieldWriter> FieldWriter::resume(const FieldOutput& output, std::uint64_t transaction) {
-  if (output.existing == Existing::replace && storage::is_being_written(output.target))
-    return fail(ErrorCode::busy, output.path, kAnotherProcess);
+  SLF_TRY(check_no_writer(output));
   auto opened = open(output.unfinished(), transaction);
   if (opened) opened->output_ = output;
   return opened;
@@ -221,13 +236,12 @@ Result<void> FieldWriter::finish(const GoOn& go_on) {
     return indexed;
   };
   if (!output_) return with_file_state(writer_->close(add_index));
-  if (output_->existing == Existing::replace && storage::is_being_written(output_->target))
-    return fail(ErrorCode::busy, output_->path, kAnotherProcess);
+  SLF_TRY(check_no_writer(*output_));
   auto published = writer_->publish(output_->target, output_->existing, add_index);
   if (published) discard_ = false;
   if (!published && published.error().code == ErrorCode::usage)
-    return misuse(output_->path, "exists by now",
-                  discard_ ? "" : "; the new field stays at " + file_);
+    return fail(ErrorCode::busy, output_->path, ": another process has just written it",
+                discard_ ? "" : "; the new field stays at " + file_);
   return with_file_state(std::move(published));
 }
 

@@ -9,7 +9,8 @@
 namespace slf {
 
 Result<MergeReport> merge_fields(const std::vector<std::string>& parts, const std::string& path,
-                                 const MergeOptions& options, const ProgressCallback& progress) {
+                                 const MergeOptions& options,
+                                 const ProgressCallback& progress) try {
   const auto output =
       SLF_TRY(FieldOutput::at(path, options.replace ? Existing::replace : Existing::keep, parts));
   const auto plan = SLF_TRY(plan_merge(parts, options.part));
@@ -39,7 +40,10 @@ Result<MergeReport> merge_fields(const std::vector<std::string>& parts, const st
   }
   SLF_TRY(writer.finish([&] { return reporter.go_on(); }));
   report.file_bytes = file_size(output.target).value_or(0);
+  report.memory = budget.memory;
   return report;
+} catch (...) {
+  return tl::unexpected(error_of_exception());
 }
 
 }  // namespace slf

@@ -71,6 +71,7 @@ Result<RepackReport> repack(std::span<const StateSource> states, const std::stri
   report.missing = TileOrder(manifest.shape).count() - written.tiles;
   report.payload_bytes = written.payload_bytes;
   report.file_bytes = file_size(output.target).value_or(0);
+  report.memory = budget.memory;
   return report;
 }
 
@@ -83,12 +84,14 @@ Result<RepackReport> join_states(std::span<const StateSource> states, const std:
 
 Result<RepackReport> repack_field(const Field& field, const std::string& path,
                                   const RepackOptions& options, const ProgressCallback& progress) {
-  const StateSource state{"", field};
-  return join_states({&state, 1}, path, options, progress);
+  return guarded([&] {
+    const StateSource state{"", field};
+    return repack({&state, 1}, path, options, progress);
+  });
 }
 
 Result<std::vector<StateSource>> state_sources(const Field& field,
-                                               std::span<const std::string> chosen) {
+                                               std::span<const std::string> chosen) try {
   const std::vector<std::string> names = field.states();
   std::vector<StateSource> states;
   if (chosen.empty() && (names.empty() || field.structures()))
@@ -101,6 +104,8 @@ Result<std::vector<StateSource>> state_sources(const Field& field,
       states.push_back({names.empty() ? "" : names[one.state()], one});
     }
   return states;
+} catch (...) {
+  return tl::unexpected(error_of_exception());
 }
 
 }  // namespace slf

@@ -37,18 +37,20 @@ struct ShardOptions {
 struct BuildOptions {
   FieldShape shape;  ///< a sphere of radius 0: bounds_of() the states
   std::string codec = "predictive:90";
-  bool depth = true;                    ///< depths beside the colours; predictive codecs need them
-  bool half = false;                    ///< colour as half floats, which jpeg cannot hold
-  std::uint64_t memory = 256ull << 20;  ///< bytes of tiles in progress and records not yet written
-  unsigned threads = 0;                 ///< 0: all
-  double commit_seconds = 5;            ///< between commits: the most work that a kill can lose
-  bool replace = false;                 ///< replace a file at the output's path, once all is built
-  ShardOptions shard;                   ///< by default, all tiles
+  bool depth = true;          ///< depths beside the colours; predictive codecs need them
+  bool half = false;          ///< colour as half floats, which jpeg cannot hold
+  std::uint64_t memory = 0;   ///< bytes of tiles in progress and records not yet written; 0:
+                              ///< 256 MiB, or what the largest tile needs
+  unsigned threads = 0;       ///< 0: all
+  double commit_seconds = 5;  ///< between commits: the most work that a kill can lose
+  bool replace = false;       ///< replace a file at the output's path, once all is built
+  ShardOptions shard;         ///< by default, all tiles
 };
 
 struct BuildReport {
   std::uint64_t tiles = 0;    ///< built by this call
   std::uint64_t resumed = 0;  ///< built by earlier calls
+  std::uint64_t memory = 0;   ///< the budget
 };
 
 /// A state of a field, and the scene that shows it.

@@ -67,13 +67,20 @@ struct Error {
 template <class T>
 using Result = tl::expected<T, Error>;
 
+/// The streamable parts as one text.
+template <class... Parts>
+[[nodiscard]] std::string concat(const Parts&... parts) {
+  std::ostringstream text;
+  text.exceptions(std::ios::badbit);  // else it would be cut off where memory ends
+  (text << ... << parts);
+  return std::move(text).str();
+}
+
 /// Builds the error branch of a Result from streamable parts:
 /// `return fail(ErrorCode::bad_file, path, ": expected ", a, ", found ", b);`
 template <class... Parts>
 [[nodiscard]] tl::unexpected<Error> fail(ErrorCode code, const Parts&... parts) {
-  std::ostringstream text;
-  (text << ... << parts);
-  return tl::unexpected<Error>(Error{code, std::move(text).str()});
+  return tl::unexpected<Error>(Error{code, concat(parts...)});
 }
 
 /// "OF: PARTS", where `of` is what the error is about, such as a path.

@@ -14,8 +14,9 @@
 namespace slf {
 
 struct MergeOptions {
-  std::uint64_t memory = 256ull << 20;  ///< bytes of tiles in progress and records not yet written
-  unsigned threads = 0;                 ///< 0: all
+  std::uint64_t memory = 0;  ///< bytes of tiles in progress and records not yet written; 0:
+                             ///< 256 MiB, or what the largest tile needs
+  unsigned threads = 0;      ///< 0: all
   bool part = false;  ///< the first or last tiles may be missing: the output is then a part itself
   bool replace = false;  ///< replace a file at the output's path, once the new one is complete
 };
@@ -24,6 +25,7 @@ struct MergeReport {
   std::uint64_t tiles = 0;  ///< tiles written, stored or empty
   std::uint64_t payload_bytes = 0;
   std::uint64_t file_bytes = 0;
+  std::uint64_t memory = 0;  ///< the budget
 };
 
 /// Writes to `path` the field that `parts`, in any order, make up together. All parts have the same

@@ -26,9 +26,10 @@ struct RepackOptions {
                                         ///< Half floats go to zstd where their codec was JPEG
   bool light = true;                    ///< keep the light of the copy's first state, if the
                                         ///< input has it; no other is kept
-  std::uint64_t memory = 256ull << 20;  ///< bytes of tiles in progress and records not yet written
-  unsigned threads = 0;                 ///< 0: all
-  bool replace = false;  ///< replace a file at the output's path, once the new one is complete
+  std::uint64_t memory = 0;  ///< bytes of tiles in progress and records not yet written; 0:
+                             ///< 256 MiB, or what the largest tile needs
+  unsigned threads = 0;      ///< 0: all
+  bool replace = false;      ///< replace a file at the output's path, once the new one is complete
 };
 
 struct RepackReport {
@@ -38,6 +39,7 @@ struct RepackReport {
   std::uint64_t missing = 0;  ///< tiles missing in the input, and so in the output
   std::uint64_t payload_bytes = 0;
   std::uint64_t file_bytes = 0;
+  std::uint64_t memory = 0;  ///< the budget
 };
 
 /// Writes the field, in the state that it shows or composed, to `path`, which must not exist unless `replace`

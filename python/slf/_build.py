@@ -21,7 +21,7 @@ from ._types import Picture, finite, orbit
 def build(source: Any, out: Path, *, states: Sequence[Mapping[str, Any]] = (),
           shard: tuple[int, int] = (1, 1),
           only_levels: tuple[int | None, int | None] = (None, None), coarser: Path = "",
-          threads: int = 0, commit_every: float = 5, force: bool = False,
+          memory: int = 0, threads: int = 0, commit_every: float = 5, force: bool = False,
           progress: Progress = None, **settings: Unpack[BuildSettings]) -> Field:
     """Builds a field, or resumes its build, and opens it.
 
@@ -42,6 +42,7 @@ def build(source: Any, out: Path, *, states: Sequence[Mapping[str, Any]] = (),
         earlier state that differs by `clip` or structures and whose light this one has.
     shard: (k, n), the k-th of n parts, from 1, for slf.merge().
     only_levels, coarser: as --only-levels and --coarser of `slf build`.
+    memory: most bytes of tiles and records under way; 0: 256 MiB, or what the largest tile needs.
     threads: 0: all.  commit_every: seconds between commits, which a kill can lose.
     force: replace another field at `out`, once this one is complete.
     progress: True: a bar of tqdm; or a function (done, total, skipped), which ends the call if it
@@ -61,8 +62,8 @@ def build(source: Any, out: Path, *, states: Sequence[Mapping[str, Any]] = (),
     with contextlib.ExitStack() as stack, reporter(progress, "build") as report:
         recipe, scenes = described(stack, source, settings, states=states, known=BuildSettings,
                                    report=report, folder=folder, threads=threads)
-        built = _slf.build(recipe, scenes, out, threads, float(commit_every), force, shard,
-                           only_levels, coarser, report)
+        built = _slf.build(recipe, scenes, out, memory, threads, float(commit_every), force,
+                           shard, only_levels, coarser, report)
     field = Field(out, threads=threads)
     field.build_report = built
     return field

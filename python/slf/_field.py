@@ -484,7 +484,8 @@ def _reopened(path: Path, memory: int, threads: int, state: State | None,
     return field if structures is None else field.compose(structures)
 
 
-def verify(field: Field | Path, *, quick: bool = False, fix: bool = False, threads: int = 0,
+def verify(field: Field | Path, *, quick: bool = False, fix: bool = False,
+           memory: int = _DEFAULT_MEMORY, threads: int = 0,
            progress: Progress = None) -> VerifyReport:
     """Checks every page, record and tile. Damage is a finding in the report, not an exception.
 
@@ -492,7 +493,7 @@ def verify(field: Field | Path, *, quick: bool = False, fix: bool = False, threa
     """
     path, handle = (field.path, field._field) if isinstance(field, Field) else (field, None)
     with reporter(progress, "verify") as report:
-        return _slf.verify(path, None if fix else handle, quick, fix, threads, report)
+        return _slf.verify(path, None if fix else handle, quick, fix, memory, threads, report)
 
 
 def _opened(field: Field | Path) -> contextlib.AbstractContextManager[Field]:
@@ -505,7 +506,7 @@ def _opened(field: Field | Path) -> contextlib.AbstractContextManager[Field]:
 def repack(field: Field | Path | Sequence[Field | Path], out: Path, *,
            states: Sequence[State] = (), codec: str = "", depth: bool = True,
            finest_level: int | None = None, subfields: Sequence[int] = (),
-           color_type: str | None = None, light: bool = True, memory: int = _DEFAULT_MEMORY,
+           color_type: str | None = None, light: bool = True, memory: int = 0,
            threads: int = 0, force: bool = False, progress: Progress = None) -> RepackReport:
     """Rewrites a field into another form. Empty arguments keep what the field has.
 
@@ -513,6 +514,7 @@ def repack(field: Field | Path | Sequence[Field | Path], out: Path, *,
     states: those to keep; default: all, or the one of Field.in_state().
     codec, depth: as in slf.build().  finest_level: the finest to keep.
     color_type: "u8" or "half".  light: keep the scene's light.  progress: counts tiles.
+    memory: most bytes of tiles and records under way; 0: 256 MiB, or what the largest tile needs.
     """
     half = None if color_type is None else is_half(color_type)
     given = field if isinstance(field, (list, tuple)) else [field]
@@ -525,9 +527,12 @@ def repack(field: Field | Path | Sequence[Field | Path], out: Path, *,
     return done  # type: ignore[no-any-return]
 
 
-def merge(parts: Sequence[Path], out: Path, *, part: bool = False, memory: int = _DEFAULT_MEMORY,
+def merge(parts: Sequence[Path], out: Path, *, part: bool = False, memory: int = 0,
           threads: int = 0, force: bool = False, progress: Progress = None) -> MergeReport:
-    """Joins parts of a field: shards, levels or subfields.  part: the result may be a part."""
+    """Joins parts of a field: shards, levels or subfields.  part: the result may be a part.
+
+    memory: as in repack().
+    """
     with reporter(progress, "merge") as report:
         return _slf.merge(parts, out, part, memory, threads, force, report)
 

@@ -82,6 +82,7 @@ py::tuple render(OpenField& open, const CameraTuple& camera, const std::optional
                  std::optional<unsigned> level, bool depth, const std::optional<ToneTuple>& tone,
                  bool display, std::optional<std::uint64_t> memory) {
   const ViewOptions view = view_of(open.field(), mode, level, depth);
+  open.renewed();
   LongCall call;
   const auto mapping = tone_of(tone);
   auto image = call.value(open.field().path(), [&]() -> Result<Image> {
@@ -94,6 +95,7 @@ py::tuple render(OpenField& open, const CameraTuple& camera, const std::optional
 }
 
 py::object pick(OpenField& open, const CameraTuple& camera, double x, double y) {
+  open.renewed();
   LongCall call;
   const auto found =
       call.value(open.field().path(), [&] { return open.pick(camera_of(camera), x, y); });
@@ -131,7 +133,7 @@ py::list tiles(const OpenField& open, unsigned first_level, std::optional<unsign
 /// The samples of a tile, which the array views.
 py::array tile(OpenField& open, unsigned level, std::uint64_t entry, std::uint64_t exit,
                const std::string& channel) {
-  const Field& field = open.field();
+  const Field& field = open.renewed().field();
   LongCall call;
   auto set = call.value(field.path(), [&]() -> Result<TileSampleSet> {
     const auto key = find_tile(field, {level, entry, exit});
@@ -148,9 +150,9 @@ py::array tile(OpenField& open, unsigned level, std::uint64_t entry, std::uint64
 
 // ---- checks and measures -----------------------------------------------------------------------
 
-py::object verify(const Text& path, const OpenField* open, bool quick, bool fix, unsigned threads,
-                  py::object progress) {
-  const VerifyOptions options{.quick = quick, .fix = fix, .threads = threads};
+py::object verify(const Text& path, const OpenField* open, bool quick, bool fix,
+                  std::uint64_t memory, unsigned threads, py::object progress) {
+  const VerifyOptions options{.quick = quick, .fix = fix, .memory = memory, .threads = threads};
   LongCall call(std::move(progress));
   const auto report = call.value(path, [&] {
     return open ? verify_field(open->field(), options, call.progress())

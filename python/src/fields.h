@@ -15,6 +15,7 @@
 #include <variant>
 #include <vector>
 
+#include "base/fork.h"
 #include "calls.h"
 #include "field/structure_looks.h"
 #include "slf/field.h"
@@ -31,11 +32,21 @@ class OpenField {
   [[nodiscard]] const Field& field() const { return field_; }
   [[nodiscard]] const RendererOptions& options() const { return options_; }
 
+  /// Call it before what follows, with the GIL. What threads drew with when this process was forked
+  /// stays as they left it; a new renderer draws.
+  OpenField& renewed() {
+    if (std::exchange(forks_, torn_forks()) == forks_) return *this;
+    new (&mutex_) std::mutex;
+    (void)renderer_.release();
+    return *this;
+  }
+
   /// With `memory`, by a renderer for this view only, which keeps at most so many bytes of decoded
   /// tiles, and as many of the mapped file.
   [[nodiscard]] Result<Image> render(const Camera& camera, const ViewOptions& view,
                                      std::optional<std::uint64_t> memory,
                                      const ProgressCallback& progress) {
+    const AtWork at_work;
     if (memory)
       return Renderer(field_, {*memory, options_.threads, *memory})
           .render(camera, view, nullptr, progress);
@@ -43,11 +54,13 @@ class OpenField {
     return renderer().render(camera, view, nullptr, progress);
   }
   [[nodiscard]] Result<std::optional<PickedPoint>> pick(const Camera& camera, double x, double y) {
+    const AtWork at_work;
     const std::lock_guard lock(mutex_);
     return slf::pick(renderer(), camera, x, y);
   }
   /// The tiles that render() draws from.
   [[nodiscard]] TileReader tiles() {
+    const AtWork at_work;
     const std::lock_guard lock(mutex_);
     return renderer().tiles();
   }
@@ -60,6 +73,7 @@ class OpenField {
 
   Field field_;
   RendererOptions options_;
+  unsigned forks_ = torn_forks();
   std::mutex mutex_;
   std::unique_ptr<Renderer> renderer_;
 };

@@ -1,4 +1,6 @@
 // Fields in a browser: the server of ranges, and exported pages.
+#include <unistd.h>
+
 #include <atomic>
 #include <memory>
 #include <optional>
@@ -21,22 +23,28 @@ class ViewServer {
  public:
   ViewServer(const Text& field, const page::ServerOptions& options)
       : server_(value_of(page::Server::make({{field}}, options), field)),
-        thread_([this] { (void)server_.run([this] { return stop_.load(); }); }) {}
+        thread_(std::make_unique<std::thread>(
+            [this] { (void)server_.run([this] { return stop_.load(); }); })) {}
   ~ViewServer() { close(); }
   ViewServer(const ViewServer&) = delete;
   ViewServer& operator=(const ViewServer&) = delete;
 
   [[nodiscard]] const std::string& url() const { return server_.url(); }
   void close() {
+    if (getpid() != process_)
+      (void)thread_.release();  // it is missing in this process, a forked one
+    if (!thread_) return;
     stop_ = true;
     const py::gil_scoped_release release;
-    if (thread_.joinable()) thread_.join();
+    thread_->join();
+    thread_.reset();
   }
 
  private:
   page::Server server_;
   std::atomic<bool> stop_{false};
-  std::thread thread_;
+  const pid_t process_ = getpid();
+  std::unique_ptr<std::thread> thread_;
 };
 
 void check_page() {

@@ -24,11 +24,12 @@ std::vector<FieldState> states_of(const Scenes& scenes) {
   return states;
 }
 
-py::object build(const Recipe& recipe, const Scenes& scenes, const Text& path, unsigned threads,
-                 double commit_seconds, bool force,
+py::object build(const Recipe& recipe, const Scenes& scenes, const Text& path, std::uint64_t memory,
+                 unsigned threads, double commit_seconds, bool force,
                  const std::pair<std::uint32_t, std::uint32_t>& shard, const Levels& only_levels,
                  const Text& coarser, py::object progress) {
   BuildOptions options = recipe.field;
+  options.memory = memory;
   options.threads = threads;
   options.commit_seconds = commit_seconds;
   options.replace = force;

@@ -831,3 +831,16 @@ def test_pages_begin_with_structures(atlas_path, balls, tmp_path):
     with pytest.raises(slf.UsageError, match="not among the states to keep"):
         slf.export(field, tmp_path / "none.html", states=["back"], state="front")
     assert not list(tmp_path.glob("*.exporting"))
+
+
+def test_memory_is_a_budget(balls_path, tmp_path):
+    out = tmp_path / "a.slf"
+    calls = [lambda memory: slf.build("scene:balls", out, memory=memory, force=True, **SMALL),
+             lambda memory: slf.repack(balls_path, out, memory=memory, force=True),
+             lambda memory: slf.merge([balls_path], out, memory=memory, force=True)]
+    for call in calls:
+        with pytest.raises(slf.UsageError, match="needs at least [0-9]+KiB of memory"):
+            call(1000)
+        call(64 << 20)
+        call(0)
+    assert slf.verify(balls_path, memory=1 << 20).found == 0

@@ -1,6 +1,7 @@
 """Reading fields: content, pictures, tiles, and what goes wrong."""
 
 import contextlib
+import filecmp
 import gc
 import multiprocessing
 import os
@@ -8,12 +9,14 @@ import pathlib
 import pickle
 import signal
 import threading
+import time
 from concurrent.futures import ProcessPoolExecutor
 
 import numpy as np
 import pytest
 
 import slf
+from conftest import SMALL
 
 
 def test_states_shape_and_content(balls):
@@ -253,6 +256,59 @@ def test_a_forked_process_draws_with_the_open_field_and_closes_it(balls):
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
     assert np.array_equal(balls.render(size=(64, 64)), expected)
     player.draw(slf.orbit(), (64, 64))
+
+
+def test_a_forked_process_draws_and_builds_whatever_threads_do(balls, balls_path, tmp_path):
+    def draw():
+        return np.array_equal(balls.render(size=(64, 64)), expected)
+
+    def build(name):
+        slf.build("scene:balls", tmp_path / name, **SMALL).close()
+        return filecmp.cmp(tmp_path / name, balls_path, shallow=False)
+
+    def work(stop):
+        while not stop.is_set():
+            assert draw()
+
+    def fork(name):
+        child = os.fork()
+        if child == 0:
+            signal.alarm(60)
+            os._exit(0 if all(draw() for _ in range(4)) and build(name) and draw() else 1)
+        return os.waitpid(child, 0)[1]
+
+    expected = balls.render(size=(64, 64))
+    tile = balls.tile(0, 0, 0)
+    assert build("before.slf")
+    for threads in (0, 3):
+        stop = threading.Event()
+        others = [threading.Thread(target=work, args=(stop,)) for _ in range(threads)]
+        for thread in others:
+            thread.start()
+        ended = [fork(f"{threads}-{k}.slf") for k in range(4)]
+        stop.set()
+        for thread in others:
+            thread.join()
+        assert ended == [0] * 4
+    assert draw()
+    del tile
+
+
+def test_a_process_that_is_forked_while_a_view_takes_long_draws_anew(balls):
+    expected = balls.render(size=(64, 64))
+    tile = balls.tile(0, 0, 0)
+    thread = threading.Thread(target=lambda: balls.render(size=(3000, 3000)))
+    thread.start()
+    time.sleep(0.3)
+    child = os.fork()
+    if child == 0:
+        signal.alarm(60)
+        same = np.array_equal(balls.render(size=(64, 64)), expected)
+        del tile
+        balls.close()
+        os._exit(0 if same else 1)
+    assert os.waitpid(child, 0)[1] == 0
+    thread.join()
 
 
 def resident_bytes():

@@ -8,6 +8,7 @@
 
 #include "base/join.h"
 #include "base/owned_json.h"
+#include "base/try.h"
 
 namespace slf {
 namespace {
@@ -141,7 +142,7 @@ std::vector<Ball> make_fog() {
 
 std::vector<std::string> analytic_scene_names() { return {"balls", "globe", "fog"}; }
 
-Result<std::unique_ptr<Scene>> make_analytic_scene(std::string_view name) {
+Result<std::unique_ptr<Scene>> make_analytic_scene(std::string_view name) try {
   std::vector<Ball> balls;
   if (name == "balls") {
     balls = make_balls();
@@ -154,6 +155,8 @@ Result<std::unique_ptr<Scene>> make_analytic_scene(std::string_view name) {
                 "'; known: ", joined(analytic_scene_names()));
   }
   return std::unique_ptr<Scene>(new Balls(std::string(name), std::move(balls)));
+} catch (...) {
+  return tl::unexpected(error_of_exception());
 }
 
 }  // namespace slf

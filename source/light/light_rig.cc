@@ -8,6 +8,7 @@
 #include "base/file.h"
 #include "base/join.h"
 #include "base/nesting.h"
+#include "base/try.h"
 
 namespace slf {
 namespace {
@@ -146,7 +147,7 @@ std::span<const LightRig> built_in_rigs() {
   return rigs;
 }
 
-Result<LightRig> read_rig(const std::string& reference) {
+Result<LightRig> read_rig(const std::string& reference) try {
   if (reference.starts_with('{')) return parse_rig(reference, "light rig");
   for (const LightRig& rig : built_in_rigs())
     if (rig.name == reference) return rig;
@@ -158,6 +159,8 @@ Result<LightRig> read_rig(const std::string& reference) {
                 joined(built_in_rigs(), ", ", &LightRig::name));
   if (!bytes) return tl::unexpected(bytes.error());
   return parse_rig(std::string(chars_of(*bytes)), reference);
+} catch (...) {
+  return tl::unexpected(error_of_exception());
 }
 
 std::string to_json(const LightRig& rig) {

@@ -4,10 +4,10 @@
 #include <filesystem>
 
 #include "base/ascii.h"
-#include "base/guarded.h"
 #include "base/try.h"
 #include "slf/mesh.h"
 #include "source/mesh/builder.h"
+#include "source/volume/formats.h"
 
 namespace slf {
 namespace {
@@ -25,25 +25,24 @@ bool is_mesh_name(std::string_view path) {
   return std::ranges::find(kExtensions, extension_of(path)) != kExtensions.end();
 }
 
-Result<Mesh> read_mesh(const std::string& path, UpAxis up) {
-  const auto read = [&]() -> Result<Mesh> {
-    const std::string extension = extension_of(path);
-    const bool gltf = extension.starts_with("gl");
-    const bool y_up = up == UpAxis::y || (up == UpAxis::by_format && (gltf || extension == "obj"));
-    MeshBuilder builder(path, y_up);
-    const Bytes bytes = SLF_TRY(builder.read(path));
-    if (bytes.empty()) return builder.wrong("is empty (0 bytes)");
-    const auto reader = gltf                 ? read_gltf
-                        : extension == "obj" ? read_obj
-                        : extension == "ply" ? read_ply
-                                             : read_stl;
-    SLF_TRY(reader(bytes, builder));
-    return builder.finish();
-  };
-  Result<Mesh> made;
-  const auto done = guarded([&] { made = read(); });
-  if (!done) return fail_in(done.error(), path, ": ");
-  return made;
+Result<Mesh> read_mesh(const std::string& path, UpAxis up) try {
+  const std::string extension = extension_of(path);
+  const bool gltf = extension.starts_with("gl");
+  const bool y_up = up == UpAxis::y || (up == UpAxis::by_format && (gltf || extension == "obj"));
+  MeshBuilder builder(path, y_up);
+  const Bytes bytes = SLF_TRY(builder.read(path));
+  if (bytes.empty()) return builder.wrong("is empty (0 bytes)");
+  const auto reader = gltf                 ? read_gltf
+                      : extension == "obj" ? read_obj
+                      : extension == "ply" ? read_ply
+                                           : read_stl;
+  const auto done = reader(bytes, builder);
+  Result<Mesh> mesh = done ? builder.finish() : tl::unexpected(done.error());
+  if (!mesh && mesh.error().code == ErrorCode::bad_file)
+    SLF_TRY(volume_io::refuse_known(path, chars_of(bytes).substr(0, 4096)));
+  return mesh;
+} catch (...) {
+  return tl::unexpected(error_of_exception(path));
 }
 
 }  // namespace slf

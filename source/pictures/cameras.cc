@@ -25,13 +25,15 @@ std::vector<std::string> PictureSet::files() const {
   return files;
 }
 
-Result<PictureSet> read_cameras(const std::string& path) {
+Result<PictureSet> read_cameras(const std::string& path) try {
   const auto bytes = SLF_TRY(read_file(path, cameras::kMaxFileBytes));
   const std::string_view text = chars_of(bytes);
   SLF_TRY(volume_io::refuse_known(path, text.substr(0, 4096)));
   const std::string folder = fs::path(path).parent_path().string();
   if (path.ends_with(".csv")) return cameras::parse_cinema(text, path, folder);
   return cameras::parse_transforms(text, path, folder);
+} catch (...) {
+  return tl::unexpected(error_of_exception());
 }
 
 namespace {
@@ -219,7 +221,7 @@ Result<void> cameras::LeftOut::settle(std::size_t remaining,
   return {};
 }
 
-Result<PictureSet> read_pictures(const std::string& path) {
+Result<PictureSet> read_pictures(const std::string& path) try {
   std::error_code ignored;
   auto set = SLF_TRY(fs::is_directory(path, ignored) ? read_folder(path) : read_cameras(path));
   std::ranges::stable_sort(set.pictures, {}, &Picture::name);
@@ -230,6 +232,8 @@ Result<PictureSet> read_pictures(const std::string& path) {
   set.pictures.erase(again.begin(), again.end());
   SLF_TRY(cameras::check_sizes(set));
   return set;
+} catch (...) {
+  return tl::unexpected(error_of_exception());
 }
 
 std::optional<glm::dvec3> focus_of(const std::vector<Picture>& pictures) {

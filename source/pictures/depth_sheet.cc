@@ -67,7 +67,7 @@ void draw(const Prepared& found, const SmallView& view, std::uint32_t cell, std:
 }  // namespace
 
 Result<DepthSheet> make_depth_sheet(PictureSet set, const PictureSceneOptions& options,
-                                    std::uint32_t count, std::uint32_t cell) {
+                                    std::uint32_t count, std::uint32_t cell) try {
   auto found = SLF_TRY(prepare_pictures(std::move(set), options));
   auto& views = found.loaded.views;
   const bool known = found.depth != "silhouettes";
@@ -102,6 +102,8 @@ Result<DepthSheet> make_depth_sheet(PictureSet set, const PictureSceneOptions& o
          number / columns * height, image);
   }));
   return sheet;
+} catch (...) {
+  return tl::unexpected(error_of_exception());
 }
 
 }  // namespace slf

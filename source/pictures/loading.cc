@@ -167,9 +167,11 @@ Result<Image> decode_picture(const Picture& picture, ByteSpan bytes) {
   return image;
 }
 
-Result<Image> load_picture(const Picture& picture) {
+Result<Image> load_picture(const Picture& picture) try {
   const auto bytes = SLF_TRY(read_file(picture.file, kMaxPictureBytes));
   return decode_picture(picture, bytes);
+} catch (...) {
+  return tl::unexpected(error_of_exception());
 }
 
 Result<Sphere> first_sphere(const PictureSet& set) {

@@ -240,7 +240,7 @@ class PictureScene final : public Scene {
 }  // namespace
 
 Result<std::unique_ptr<Scene>> make_picture_scene(PictureSet set,
-                                                  const PictureSceneOptions& options) {
+                                                  const PictureSceneOptions& options) try {
   auto found = SLF_TRY(prepare_pictures(std::move(set), options));
   const auto& hashes = found.loaded.hashes;
   XXH64_hash_t hash = XXH3_64bits(hashes.data(), hashes.size() * sizeof hashes[0]);
@@ -258,6 +258,8 @@ Result<std::unique_ptr<Scene>> make_picture_scene(PictureSet set,
   // A path need not be UTF-8.
   std::string text = provenance.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
   return std::unique_ptr<Scene>(new PictureScene(std::move(found), std::move(text), options));
+} catch (...) {
+  return tl::unexpected(error_of_exception());
 }
 
 }  // namespace slf

@@ -77,7 +77,7 @@ PathTracer::~PathTracer() = default;
 Result<std::unique_ptr<PathTracer>> PathTracer::make(Volume volume,
                                                      const TransferFunction& transfer,
                                                      const RaycastOptions& options,
-                                                     const PathTraceOptions& paths) {
+                                                     const PathTraceOptions& paths) try {
   if (options.lighting.mode == Lighting::direct)
     return fail(ErrorCode::usage,
                 "path tracing: direct light has no model of light transport; "
@@ -86,6 +86,8 @@ Result<std::unique_ptr<PathTracer>> PathTracer::make(Volume volume,
   auto scene = SLF_TRY(make_volume_scene(std::move(volume), transfer, options));
   return std::unique_ptr<PathTracer>(
       new PathTracer(std::make_unique<State>(std::move(scene), paths)));
+} catch (...) {
+  return tl::unexpected(error_of_exception());
 }
 
 RaySample PathTracer::trace(const glm::dvec3& from, const glm::dvec3& to) const {

@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <iomanip>
 #include <nlohmann/json.hpp>
-#include <sstream>
 
 #include "source/light/light_rig.h"
 #include "source/volume/content.h"
@@ -22,10 +21,9 @@ const char* name_of(T value, const Named<T> (&names)[N]) {
 
 std::string hash(const Image& picture) {
   const XXH64_hash_t seed = std::uint64_t{picture.width} << 32 | picture.height;
-  std::ostringstream text;
-  text << "xxh3-64:" << std::hex << std::setw(16) << std::setfill('0')
-       << XXH3_64bits_withSeed(picture.rgba.data(), picture.rgba.size() * sizeof(glm::vec4), seed);
-  return text.str();
+  return concat(
+      "xxh3-64:", std::hex, std::setw(16), std::setfill('0'),
+      XXH3_64bits_withSeed(picture.rgba.data(), picture.rgba.size() * sizeof(glm::vec4), seed));
 }
 
 json describe(const LightOptions& options) {

@@ -172,7 +172,7 @@ Raycaster::~Raycaster() = default;
 
 Result<std::unique_ptr<Raycaster>> Raycaster::make(Volume volume, const TransferFunction& transfer,
                                                    const RaycastOptions& options,
-                                                   const LightVolumeOptions& light_volume) {
+                                                   const LightVolumeOptions& light_volume) try {
   const LightOptions& lighting = options.lighting;
   const bool lit = lighting.mode != Lighting::direct;
   if (lit && !light_volume.file.empty()) SLF_TRY(check_light_file(light_volume.file));
@@ -198,9 +198,11 @@ Result<std::unique_ptr<Raycaster>> Raycaster::make(Volume volume, const Transfer
       lit && !lighting.linear ? std::optional<ToneMapper>(lighting.tone) : std::nullopt})));
   if (!light_volume.deferred) SLF_TRY(caster->prepare());
   return caster;
+} catch (...) {
+  return tl::unexpected(error_of_exception());
 }
 
-Result<void> Raycaster::prepare() const {
+Result<void> Raycaster::prepare() const try {
   LitScene& lit = *state_->lit;
   const std::lock_guard lock(lit.preparing);
   if (lit.pending) {
@@ -218,9 +220,11 @@ Result<void> Raycaster::prepare() const {
     shown->grid.light_volume = lit.light;
   }
   return {};
+} catch (...) {
+  return tl::unexpected(error_of_exception());
 }
 
-Result<void> Raycaster::share_light(std::shared_ptr<const Scene> from) const {
+Result<void> Raycaster::share_light(std::shared_ptr<const Scene> from) const try {
   const std::shared_ptr<LitScene> lit = state_->lit;
   const std::lock_guard lock(lit->preparing);
   auto source = std::dynamic_pointer_cast<const Raycaster>(std::move(from));
@@ -238,6 +242,8 @@ Result<void> Raycaster::share_light(std::shared_ptr<const Scene> from) const {
   if (shown) state_->lit.reset(new LitScene{lit->scene, lit->pending, true});
   state_->lit->from = std::move(source);
   return {};
+} catch (...) {
+  return tl::unexpected(error_of_exception());
 }
 
 std::vector<std::byte> Raycaster::light() const {
@@ -247,7 +253,7 @@ std::vector<std::byte> Raycaster::light() const {
   return encode_light(light_key(lit.scene->provenance), *lit.light);
 }
 
-Result<void> Raycaster::prepare_for(std::span<const Segment> rays) const {
+Result<void> Raycaster::prepare_for(std::span<const Segment> rays) const try {
   const auto& pending = state_->lit->pending;
   if (pending && (state_->shown || state_->lit->from || !pending->file.empty())) return prepare();
   LightOnDemand* light = SLF_TRY(state_->light_on_demand());
@@ -260,6 +266,8 @@ Result<void> Raycaster::prepare_for(std::span<const Segment> rays) const {
     light->trace(some, std::span(samples).first(some.size()), counts);
   }));
   return light->compute_missed(pending->progress);
+} catch (...) {
+  return tl::unexpected(error_of_exception());
 }
 
 bool Raycaster::set_light(std::span<const std::byte> light) const {

@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <nlohmann/json.hpp>
 
+#include "base/guarded.h"
 #include "base/join.h"
 #include "base/try.h"
 #include "slf/image.h"
@@ -116,12 +117,16 @@ std::vector<std::string> Recipe::files() const {
           depth_cache == "none" ? "" : depth_cache};
 }
 
-Result<Volume> read_volume(const Recipe& d) { return recipe::volume_of(d, nullptr); }
+Result<Volume> read_volume(const Recipe& d) {
+  return guarded([&] { return recipe::volume_of(d, nullptr); });
+}
 
-Result<PictureSet> read_pictures(const Recipe& d) {
+Result<PictureSet> read_pictures(const Recipe& d) try {
   auto set = SLF_TRY(read_pictures(d.input.substr(recipe::kPicturesPrefix.size())));
   recipe::note_all(d, set.source, set.notes);
   return set;
+} catch (...) {
+  return tl::unexpected(error_of_exception());
 }
 
 PictureSceneOptions picture_options(const Recipe& d, const PictureSet& set) {
@@ -139,6 +144,8 @@ PictureSceneOptions picture_options(const Recipe& d, const PictureSet& set) {
   return options;
 }
 
-Result<std::unique_ptr<Scene>> make_scene(const Recipe& d) { return recipe::scene_of(d, nullptr); }
+Result<std::unique_ptr<Scene>> make_scene(const Recipe& d) {
+  return guarded([&] { return recipe::scene_of(d, nullptr); });
+}
 
 }  // namespace slf

@@ -130,7 +130,7 @@ bool is_recipe(std::string_view input) {
   return input.ends_with(".json") && !input.starts_with(recipe::kPicturesPrefix);
 }
 
-Result<void> read_recipe(const std::string& path, Recipe& to) {
+Result<void> read_recipe(const std::string& path, Recipe& to) try {
   const auto bytes = SLF_TRY(read_file(path, kMaxBytes));
   json options;
   try {
@@ -158,9 +158,11 @@ Result<void> read_recipe(const std::string& path, Recipe& to) {
   auto error = bad_file(path, ok.error().message);
   error.value().choice = ok.error().choice;
   return error;
+} catch (...) {
+  return tl::unexpected(error_of_exception());
 }
 
-Result<std::vector<NamedScene>> make_scenes(const Recipe& recipe) {
+Result<std::vector<NamedScene>> make_scenes(const Recipe& recipe) try {
   if (recipe.each_label) {
     if (!recipe.states.empty())
       return fail(ErrorCode::usage, "each_label makes states itself: state no others");
@@ -177,6 +179,8 @@ Result<std::vector<NamedScene>> make_scenes(const Recipe& recipe) {
       return fail_in(ok.error(), state.file, state.file.empty() ? "" : ": ", "state '", state.name,
                      "': ");
   return made.scenes();
+} catch (...) {
+  return tl::unexpected(error_of_exception());
 }
 
 std::vector<FieldState> field_states(const std::vector<NamedScene>& scenes) {

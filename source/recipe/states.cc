@@ -75,7 +75,8 @@ struct StateScenes::Shared {
 StateScenes::StateScenes() : shared_(std::make_unique<Shared>()) {}
 StateScenes::~StateScenes() = default;
 
-Result<void> StateScenes::add(const std::string& name, Recipe d, const std::string& light_from) {
+Result<void> StateScenes::add(const std::string& name, Recipe d,
+                              const std::string& light_from) try {
   std::string& file = d.light_volume.file;
   file = name_of_state(file, name);
   std::shared_ptr<const Scene> scene = SLF_TRY(shared_->make(d));
@@ -97,9 +98,11 @@ Result<void> StateScenes::add(const std::string& name, Recipe d, const std::stri
   std::string text = recipe::published(d, *scene, light_from);
   made_.push_back({name, std::move(scene), std::move(text)});
   return {};
+} catch (...) {
+  return tl::unexpected(error_of_exception());
 }
 
-Result<std::vector<NamedScene>> make_label_scenes(Recipe d) {
+Result<std::vector<NamedScene>> make_label_scenes(Recipe d) try {
   SLF_TRY(recipe::check_applies(d));
   if (d.check) SLF_TRY(d.check(d.files()));
   StateScenes states;
@@ -118,6 +121,8 @@ Result<std::vector<NamedScene>> make_label_scenes(Recipe d) {
     states.made_.push_back({group.name, scene, recipe::published(whole, *scene)});
   }
   return std::move(states.made_);
+} catch (...) {
+  return tl::unexpected(error_of_exception());
 }
 
 }  // namespace slf

@@ -287,18 +287,22 @@ Result<LabelTable> parse_json(std::string_view text, const std::string& source) 
 
 }  // namespace
 
-Result<LabelTable> parse_label_table(const std::string& bytes, const std::string& source) {
+Result<LabelTable> parse_label_table(const std::string& bytes, const std::string& source) try {
   const std::string_view text = without_byte_order_mark(bytes);
   if (trim(text).starts_with('{')) return parse_json(text, source);
   if (const auto separator = csv_separator(text)) return parse_csv(text, *separator, source);
   return parse_lines(text, source);
+} catch (...) {
+  return tl::unexpected(error_of_exception());
 }
 
-Result<LabelTable> read_label_table(const std::string& path) {
+Result<LabelTable> read_label_table(const std::string& path) try {
   if (path.starts_with('{')) return parse_json(path, "label table");
   constexpr std::uint64_t kMaxBytes = 16 << 20;
   const auto bytes = SLF_TRY(read_file(path, kMaxBytes));
   return parse_label_table(std::string(chars_of(bytes)), path);
+} catch (...) {
+  return tl::unexpected(error_of_exception());
 }
 
 }  // namespace slf

@@ -34,7 +34,7 @@ std::string some_names(std::span<const TransferPreset> presets, const std::strin
 }  // namespace
 
 Result<std::vector<TransferPreset>> parse_transfers(const std::string& bytes,
-                                                    const std::string& source) {
+                                                    const std::string& source) try {
   const std::string_view text = without_byte_order_mark(bytes);
   auto presets = looks_like_clut(text)  ? parse_clut(text, source)
                  : looks_like_xml(text) ? parse_xml(text, source)
@@ -45,12 +45,16 @@ Result<std::vector<TransferPreset>> parse_transfers(const std::string& bytes,
       if (preset.function.name.empty())
         preset.function.name = std::filesystem::path(source).stem().string();
   return presets;
+} catch (...) {
+  return tl::unexpected(error_of_exception());
 }
 
-Result<std::vector<TransferPreset>> read_transfers(const std::string& path) {
+Result<std::vector<TransferPreset>> read_transfers(const std::string& path) try {
   constexpr std::uint64_t kMaxBytes = std::uint64_t{64} << 20;
   const auto bytes = SLF_TRY(read_file(path, kMaxBytes));
   return parse_transfers(std::string(chars_of(bytes)), path);
+} catch (...) {
+  return tl::unexpected(error_of_exception());
 }
 
 std::string transfer_file(const std::string& reference) {
@@ -66,7 +70,7 @@ std::string transfer_file(const std::string& reference) {
   return path;
 }
 
-Result<TransferPreset> read_transfer(const std::string& reference) {
+Result<TransferPreset> read_transfer(const std::string& reference) try {
   if (const auto* found = find_built_in(reference)) return *found;
   if (reference.starts_with('{')) {
     auto presets = SLF_TRY(parse_transfers(reference, "transfer function"));
@@ -88,6 +92,8 @@ Result<TransferPreset> read_transfer(const std::string& reference) {
                 : lower_case(preset.function.name) == lower_case(name))
         return std::move(preset);
   return misuse(path, "no preset ", in_quotes(name), "; there are ", some_names(presets, name));
+} catch (...) {
+  return tl::unexpected(error_of_exception());
 }
 
 }  // namespace slf

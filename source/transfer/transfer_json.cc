@@ -230,7 +230,7 @@ transfer_formats::Presets transfer_formats::parse_json(const std::string& text,
   }
 }
 
-Result<TransferFunction> parse_transfer(const std::string& text, const std::string& source) {
+Result<TransferFunction> parse_transfer(const std::string& text, const std::string& source) try {
   try {
     const json document = json::parse(text);
     if (document.is_array() && document.empty())
@@ -245,6 +245,8 @@ Result<TransferFunction> parse_transfer(const std::string& text, const std::stri
   } catch (const std::exception& error) {
     return bad(source, ": not JSON: ", error.what());
   }
+} catch (...) {
+  return tl::unexpected(error_of_exception());
 }
 
 std::string to_json(const TransferFunction& transfer) {

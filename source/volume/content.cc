@@ -12,6 +12,7 @@ namespace {
 /// Dimensions, geometry, scale and type as text. Each number has exactly one representation.
 std::string metadata_text(const Volume& v) {
   std::ostringstream text;
+  text.exceptions(std::ios::badbit);  // out of memory
   text.imbue(std::locale::classic());
   text << std::hexfloat << name(v.type) << ' ' << v.labels << ' ' << v.slope << ' ' << v.intercept;
   for (int axis = 0; axis < 3; ++axis) {

@@ -274,7 +274,7 @@ tl::unexpected<Error> refusal(const std::string& path, const Known& known) {
 
 Result<void> refuse_known(const std::string& path, std::string_view head) {
   const auto known = known_format(path, head);
-  if (known && known->way != kCameras) return refusal(path, *known);
+  if (known && known->way != kCameras && known->way != kMesh) return refusal(path, *known);
   return {};
 }
 

@@ -36,8 +36,8 @@ struct VolumeFormat {
 /// bad_file: not what its name says. usage: perhaps headerless voxels.
 [[nodiscard]] tl::unexpected<Error> refuse_file(const std::string& path, std::string_view head);
 
-/// unsupported: a known format that is not read. Files of cameras are none, since pictures are read
-/// by them. `head`: the file's first bytes.
+/// unsupported: a known format that is not read. Those of cameras and meshes are none, since
+/// pictures and meshes are read from them. `head`: the file's first bytes.
 [[nodiscard]] Result<void> refuse_known(const std::string& path, std::string_view head);
 
 /// Why a folder without DICOM files and pictures is no volume: what it is (Zarr), or what is in it.

@@ -7,7 +7,6 @@
 #include <cmath>
 #include <iomanip>
 #include <numbers>
-#include <sstream>
 
 #include "base/bytes.h"
 #include "base/try.h"
@@ -228,11 +227,7 @@ double most_oblique_angle(const glm::dmat3& axes) {
 }
 
 /// A number for people, in few digits.
-std::string brief(double value) {
-  std::ostringstream text;
-  text << std::setprecision(3) << value;
-  return std::move(text).str();
-}
+std::string brief(double value) { return concat(std::setprecision(3), value); }
 
 // Chooses as nibabel, FSL and NiiVue do: the sform if its code is set, else the qform. With
 // neither, nibabel and SPM treat the grid as LAS with the world's origin at its centre. ITK prefers

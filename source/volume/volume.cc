@@ -141,13 +141,15 @@ std::size_t bytes_per_voxel(ScalarType type) {
   return with_type(type, []<class T>(T) { return sizeof(T); });
 }
 
-Result<ScalarType> parse_scalar_type(std::string_view text) {
+Result<ScalarType> parse_scalar_type(std::string_view text) try {
   const std::string wanted = lower_case(trim(text));
   const auto& all = type_names();
   for (std::size_t k = 0; k < all.size(); ++k)
     if (std::ranges::find(all[k], wanted) != all[k].end()) return static_cast<ScalarType>(k);
   return fail(ErrorCode::usage, "unknown voxel type ", in_quotes(text), ", expected one of ",
               joined(all, ", ", [](const TypeNames& names) { return names.front(); }));
+} catch (...) {
+  return tl::unexpected(error_of_exception());
 }
 
 std::span<const std::byte> Volume::bytes() const {
@@ -259,7 +261,7 @@ Result<void> crop(const VoxelBox& box, Volume& volume) {
 
 }  // namespace
 
-Result<Volume> read_volume(const std::string& path, const VolumeOptions& options) {
+Result<Volume> read_volume(const std::string& path, const VolumeOptions& options) try {
   try {
     SLF_TRY(check_spacing(path, options));
     auto volume = read_any(path, options);
@@ -281,6 +283,8 @@ Result<Volume> read_volume(const std::string& path, const VolumeOptions& options
   } catch (const std::exception& error) {
     return fail(ErrorCode::failed, path, ": ", error.what());
   }
+} catch (...) {
+  return tl::unexpected(error_of_exception());
 }
 
 }  // namespace slf

@@ -3,6 +3,8 @@
 #include <dlfcn.h>
 #include <gtest/gtest.h>
 #include <pthread.h>
+#include <sys/wait.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <array>
@@ -11,6 +13,7 @@
 #include <stdexcept>
 
 #include "base/reporter.h"
+#include "tests/sanitized.h"
 
 namespace {
 std::atomic<int> threads_left{1 << 30};
@@ -78,6 +81,43 @@ TEST(OnThreads, AnExceptionOnAnotherThreadComesBack) {
   });
   ASSERT_FALSE(done);
   EXPECT_EQ(done.error().message, "out of memory");
+}
+
+/// A call in which `threads` threads are at work at once.
+bool takes(int threads) {
+  std::atomic<int> present{0};
+  return on_threads(static_cast<unsigned>(threads),
+                    [&] {
+                      ++present;
+                      while (present < threads) std::this_thread::yield();
+                    })
+      .has_value();
+}
+
+// On more threads than before, too, and while another thread uses the pool.
+TEST(OnThreads, AForkedProcessHasThreadsOfItsOwn) {
+#ifdef __SANITIZE_THREAD__
+  GTEST_SKIP() << "the thread sanitizer ends forked processes that start threads";
+#endif
+  for (const bool busy : {false, true}) {
+    std::jthread other([&](const std::stop_token& stop) {
+      while (busy && !stop.stop_requested()) EXPECT_TRUE(takes(3));
+    });
+    for (int round = 0; round < testing::repetitions(50); ++round) {
+      ASSERT_TRUE(takes(4));
+      const pid_t child = fork();
+      if (child == 0) {
+        alarm(20);
+        bool all = true;
+        for (const int threads : {4, 2, 7, 4}) all = all && takes(threads);
+        _exit(all ? 0 : 1);
+      }
+      int status = 0;
+      waitpid(child, &status, 0);
+      ASSERT_EQ(status, 0) << "hangs";
+    }
+  }
+  EXPECT_TRUE(takes(5));
 }
 
 TEST(OnThreads, CallsNestAndComeFromSeveralThreads) {

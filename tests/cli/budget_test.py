@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
 """The commands that write a field live in a control group of --memory and 24 MiB, and are killed.
 
-  tests/cli/budget_test.py build/release/cli/slf [--levels 2]
+  tests/cli/budget_test.py build/release/cli/slf [--levels 2 --entry 10]
 
-With two levels, the field is larger than 5 GB, and the test takes hours. Exits with 77 where no
-control group can be made: that needs root.
+So the field has 2 GB, and the test takes half an hour. Exits with 77 where no control group can be
+made: that needs root.
 """
 
 import argparse
@@ -12,6 +12,7 @@ import pathlib
 import subprocess
 import sys
 import tempfile
+import time
 
 sys.path.append(str(pathlib.Path(__file__).resolve().parent.parent.parent / "benchmarks"))
 from out_of_core import MIB, MemoryLimit
@@ -22,7 +23,7 @@ LIMIT = MEMORY + 24 * MIB
 
 def run(command, kill_after=None):
     """Runs a command in a control group, and kills it after so many seconds. Whether it ended."""
-    print(*command, flush=True)
+    began = time.monotonic()
     with MemoryLimit(LIMIT) as limit:
         process = subprocess.Popen(list(map(str, command)), preexec_fn=limit.enter,
                                    stdout=subprocess.DEVNULL)
@@ -31,10 +32,11 @@ def run(command, kill_after=None):
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait()
-            return False
-        if code != 0:
+            code = "killed"
+        print(f"{code} after {time.monotonic() - began:.0f} s:", *command[2:], flush=True)
+        if code not in (0, "killed"):
             sys.exit(f"exit code {code}, killed for want of memory {limit.killed()} times")
-        return True
+        return code == 0
 
 
 def damage(path):
@@ -50,6 +52,7 @@ def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("slf")
     parser.add_argument("--levels", default="1")
+    parser.add_argument("--entry", default="16")
     parser.add_argument("--folder", help="for the fields")
     a = parser.parse_args()
     with MemoryLimit(LIMIT) as limit:
@@ -64,7 +67,7 @@ def main():
             return run([a.slf, "-q", command, *arguments, "--memory", MEMORY, "-j", "2"], kill_after)
 
         def build(output, *options, **kill):
-            return slf("build", "scene:globe", "-o", output, "--entry", "16", "--exit", "32",
+            return slf("build", "scene:globe", "-o", output, "--entry", a.entry, "--exit", "32",
                        "--levels", a.levels, *options, **kill)
 
         build(raw, "--codec", "raw", kill_after=1)
@@ -74,6 +77,8 @@ def main():
         build(place / "built.slf", kill_after=3)
         build(place / "built.slf")
         slf("repack", raw, coded, "--merge-states", "-o", joined, "--codec", "zstd:1")
+        print(f"{raw.stat().st_size / 1e9:.2f} GB as raw samples", flush=True)
+        slf("merge", raw, "-o", place / "merged.slf", kill_after=1)
         slf("merge", raw, "-o", place / "merged.slf")
         damage(raw)
         slf("verify", raw, "--fix")

@@ -226,6 +226,39 @@ TEST_F(Cli, MissingAndWrongFilesAreNamed) {
   EXPECT_EQ(place.files().size(), 4u);
 }
 
+TEST_F(Cli, TheUsualBudgetGrowsWithTheTilesAndAGivenOneDoesNot) {
+  const Workplace place;
+  const std::vector<std::string> shape{"--entry", "64",      "--exit", "64",      "--levels",
+                                       "0",       "--codec", "raw",    "--shard", "1/64"};
+  std::vector<std::string> build{"build", "scene:balls", "-o", place / "a.slf"};
+  build.insert(build.end(), shape.begin(), shape.end());
+  EXPECT_OUTCOME(slf(build), 0, "its tiles needed a budget of ");
+  std::vector<std::string> repack{"repack", place / "a.slf", "-o", place / "b.slf"};
+  EXPECT_OUTCOME(slf(repack), 0, "its tiles needed a budget of ");
+  for (auto* command : {&build, &repack}) {
+    command->insert(command->end(), {"--memory", "256MiB", "-f"});
+    EXPECT_OUTCOME(slf(*command), 1, "needs at least");
+  }
+}
+
+TEST_F(Cli, WhatReadsNoAddressesSaysSo) {
+  const Workplace place;
+  const std::string address = "https://localhost:1/a.slf", output = place / "out.slf";
+  for (const std::vector<std::string>& command :
+       {std::vector<std::string>{"view", address},
+        {"export", address, "-o", place / "out.html"},
+        {"merge", address, "-o", output},
+        {"build", "https://localhost:1/a.nii", "-o", output},
+        {"build", "https://localhost:1/a.ply", "-o", output},
+        {"build", "scene:balls", "-o", output, "--only-levels", "1", "--coarser", address},
+        {"raycast", "https://localhost:1/a.nii", "-o", place / "a.png"}}) {
+    const Outcome refused = slf(command);
+    if (refused.exit_code == 5) continue;  // this slf has no page, or reads no addresses
+    EXPECT_OUTCOME(refused, 2, "takes no address but a file");
+    EXPECT_TRUE(contains(refused.err, "curl -LO")) << refused.err;
+  }
+}
+
 TEST_F(Cli, AFieldTruncatedAnywhereIsAnErrorOrWhole) {
   Workplace place;
   ASSERT_EQ(slf({"render", field(), "-o", place / "good.png", "--size", "64"}).exit_code, 0);

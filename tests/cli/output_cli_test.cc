@@ -6,11 +6,13 @@
 #include <chrono>
 #include <cmath>
 #include <map>
+#include <memory>
 #include <set>
 #include <thread>
 
 #include "tests/cli/cli_testing.h"
 #include "tests/field/field_testing.h"
+#include "tests/sanitized.h"
 
 extern char** environ;
 
@@ -362,6 +364,28 @@ TEST(Outputs, TwoBuildsDoNotWriteOneField) {
     if (force) other.emplace_back("-f");
     EXPECT_EQ(slf(other).exit_code, 1);
     EXPECT_TRUE(fs::exists(field + ".unfinished"));
+  }
+}
+
+TEST(Outputs, OfBuildsStartedTogetherOneWritesAndTheOthersAreTurnedAway) {
+  Workplace place;
+  const std::string field = place / "a.slf";
+  for (int round = 0; round < testing::repetitions(50); ++round) {
+    Arguments command = build("scene:balls", field);
+    if (round % 2 != 0) command.emplace_back("-f");
+    std::map<int, int> ended;
+    {
+      std::vector<std::unique_ptr<Running>> all(4);
+      for (auto& one : all) one = std::make_unique<Running>(command);
+      for (auto& one : all) {
+        const Outcome outcome = one->wait();
+        ++ended[outcome.exit_code];
+        EXPECT_TRUE(outcome.exit_code == 0 || outcome.exit_code == 4) << outcome.err;
+      }
+    }
+    EXPECT_GT(ended[0], 0);
+    EXPECT_EQ(slf({"verify", field}).exit_code, 0);
+    for (const std::string& name : place.files()) fs::remove(place / name);
   }
 }
 

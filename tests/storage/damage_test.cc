@@ -333,6 +333,64 @@ TEST_F(Damaged, FaultsElsewhereGoToThePreviousHandler) {
   EXPECT_EXIT(child_alone(), ::testing::ExitedWithCode(0), "");
 }
 
+void count_fault(int) { ++foreign_faults; }
+
+void install_another(int) {
+  ++foreign_faults;
+  (void)signal(SIGBUS, count_fault);
+}
+
+/// The handler of a program that runs this test alone, before it opens its first field.
+const auto previous_handler = [] {
+  std::ifstream line("/proc/self/cmdline");
+  const std::string words(std::istreambuf_iterator<char>(line), {});
+  if (words.find("internal_run_death_test") == std::string::npos) return SIG_DFL;
+  const auto runs = [&](const char* test) { return words.find(test) != std::string::npos; };
+  const auto handler = runs("OfAProgramThatIgnores")    ? SIG_IGN
+                       : runs("OfAProgramThatCounts")   ? count_fault
+                       : runs("OfAProgramThatInstalls") ? install_another
+                                                        : SIG_DFL;
+  (void)signal(SIGBUS, handler);
+  return handler;
+}();
+
+/// A signal that is not about a map says nothing against the next one, which is: the field becomes
+/// shorter. 0: it was treated so.
+class ForeignSignals : public Damaged {
+ protected:
+  [[noreturn]] void run(int handled) {
+    const int result = [&] {
+      auto store = TileStore::open(path_);
+      if (!store) return 1;
+      for (int k = 0; k < 3; ++k) kill(getpid(), SIGBUS);
+      if (foreign_faults != handled) return 2;
+      if (truncate(path_.c_str(), 4096) != 0) return 3;
+      std::vector<Error> findings;
+      store->check_structure(findings);
+      return store->unchanged() ? 4 : 0;
+    }();
+    std::filesystem::remove_all(folder_.path());
+    _exit(result);
+  }
+  void SetUp() override {
+    Damaged::SetUp();
+    GTEST_FLAG_SET(death_test_style, "threadsafe");
+  }
+};
+
+TEST_F(ForeignSignals, OfAProgramThatIgnores) {
+  EXPECT_EXIT(run(0), ::testing::ExitedWithCode(0), "");
+}
+TEST_F(ForeignSignals, OfAProgramThatCounts) {
+  EXPECT_EXIT(run(3), ::testing::ExitedWithCode(0), "");
+}
+TEST_F(ForeignSignals, OfAProgramThatInstallsAnother) {
+  EXPECT_EXIT(run(3), ::testing::ExitedWithCode(0), "");
+}
+TEST_F(ForeignSignals, OfAProgramWithoutAHandler) {
+  EXPECT_EXIT(run(0), ::testing::KilledBySignal(SIGBUS), "");
+}
+
 TEST(DamagedTree, SpottyDamageInALargerTreeIsReportedWithItsKeys) {
   TemporaryFolder folder;
   const std::string path = folder / "a.slf";

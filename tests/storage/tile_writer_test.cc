@@ -50,6 +50,18 @@ TEST(TileWriter, RefusesAnLmdbWithOtherFiles) {
   EXPECT_EQ(read_file(path), bytes);
 }
 
+TEST(TileWriter, IsSeenByOthers) {
+  TemporaryFolder folder;
+  const std::string path = folder / "a.slf";
+  EXPECT_TRUE(ok(check_no_writer(path)));
+  {
+    TileWriter writer = create(path);
+    EXPECT_EQ(check_no_writer(path).error().code, ErrorCode::busy);
+  }
+  EXPECT_TRUE(ok(check_no_writer(path)));
+  EXPECT_EQ(check_no_writer(folder.path()).error().code, ErrorCode::io);  // cannot tell
+}
+
 // LMDB's lock file is in memory, reached through a folder that vanishes; a new container has no
 // name. Other systems have no folder for temporary files, or no files without names.
 TEST(TileWriter, LeavesNothingBesideTheContainer) {

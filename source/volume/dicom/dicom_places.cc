@@ -1,9 +1,12 @@
 // Which DICOM slices lie at one place, and in which order: places along the normal, and at each
 // place the times.
 #include <algorithm>
+#include <array>
+#include <charconv>
 #include <cmath>
 #include <map>
 #include <set>
+#include <string_view>
 
 #include "base/try.h"
 #include "source/volume/dicom/dicom.h"
@@ -88,8 +91,12 @@ std::vector<std::string> names_of_times(const std::vector<Place>& places) {
     if (!constant || values.size() < 2) continue;
     std::vector<std::string> names;
     for (const auto& slice : first) {
-      const double value = slice.moments[m];
-      names.push_back(std::isfinite(value) ? concat(kDicomMoments[m], " ", value) : "");
+      std::array<char, 512> digits{};  // all of them: a date has 14 and a fraction
+      const auto [end, _] =
+          std::to_chars(digits.begin(), digits.end(), slice.moments[m], std::chars_format::fixed);
+      names.push_back(std::isfinite(slice.moments[m])
+                          ? concat(kDicomMoments[m], " ", std::string_view(digits.begin(), end))
+                          : "");
     }
     return names;
   }

@@ -20,6 +20,7 @@ struct Scan {
   std::size_t files = 0;             ///< of any kind
   std::optional<Error> error{};      ///< of the first of these files
   std::optional<Error> stray{};      ///< of the first of them that may be of any series
+  std::string other{};               ///< the first file of a kind that has no picture
 };
 
 void leave_out(const Error& error, Scan& scan) {
@@ -52,6 +53,7 @@ void scan_file(const std::string& path, Scan& scan) {
   }
   auto found = read_dicom_slices(path);
   if (!found) return stray(found.error());
+  if (found->empty() && scan.other.empty()) scan.other = path;
   std::move(found->begin(), found->end(), std::back_inserter(scan.slices));
 }
 
@@ -101,10 +103,12 @@ Result<Scan> scan_folder(const std::string& folder) {
   if (scan && scan->slices.empty()) scan = scan_folder(folder, true);
   if (!scan) return scan;
   if (scan->slices.empty() && scan->error) return tl::unexpected(*scan->error);
-  if (scan->slices.empty())
-    return bad_file(folder, "no DICOM pictures among its ", scan->files,
-                    " files; give the folder that holds the slices themselves");
-  return scan;
+  if (!scan->slices.empty()) return scan;
+  const bool other = !scan->other.empty();
+  if (other) SLF_TRY(refuse_known(scan->other, read_head(scan->other, 4096).value_or("")));
+  return fail(other ? ErrorCode::unsupported : ErrorCode::bad_file, folder,
+              ": no DICOM pictures among its ", scan->files,
+              " files; give the folder that holds the slices themselves");
 }
 
 /// Divides the slices of a series, which is that of one volume and localizers, perhaps, or several
@@ -291,12 +295,14 @@ Result<Volume> read_dicom_file(const std::string& path, std::string_view head,
 
 namespace slf {
 
-Result<SeriesList> list_series(const std::string& path) {
+Result<SeriesList> list_series(const std::string& path) try {
   const auto scan = SLF_TRY(volume_io::scan_folder(path));
   SeriesList list{.notes = scan.notes};
   for (const auto& stack : volume_io::stacks_of(scan.slices))
     list.series.push_back(volume_io::describe(stack));
   return list;
+} catch (...) {
+  return tl::unexpected(error_of_exception());
 }
 
 }  // namespace slf

@@ -1,17 +1,23 @@
 #include "slf/render.h"
 
 #include <gtest/gtest.h>
+#include <sys/wait.h>
+#include <unistd.h>
 
+#include <atomic>
 #include <cmath>
 #include <filesystem>
 #include <limits>
 #include <set>
+#include <thread>
+#include <vector>
 
 #include "field/field_file.h"
 #include "slf/measure.h"
 #include "slf/scene.h"
 #include "tests/field/field_testing.h"
 #include "tests/instruction_set.h"
+#include "tests/sanitized.h"
 
 namespace slf {
 namespace {
@@ -429,6 +435,59 @@ TEST(RenderGeometry, ViewsCrossThePublishedShareOfPairs) {
                static_cast<double>(tile_count(level, 0)) / static_cast<double>(cameras.size());
     EXPECT_NEAR(share, expected[level], 0.1 * expected[level]) << "level " << level;
   }
+}
+
+/// What a forked process makes of this: 0 the same picture, 1 another one, 2 an error that tells
+/// of the fork.
+int drawn_after_fork(Renderer& renderer, const Camera& camera, const Image& expected) {
+  const auto image = renderer.render(camera, {});
+  if (image) return image->rgba == expected.rgba ? 0 : 1;
+  return image.error().message.find("was forked while") != std::string::npos ? 2 : 1;
+}
+
+// A fork waits for the views that other threads draw. Where that takes too long, the child knows.
+TEST_F(Render, AForkedProcessDrawsOrSaysThatItCannot) {
+#ifdef __SANITIZE_THREAD__
+  GTEST_SKIP() << "the thread sanitizer ends forked processes that start threads";
+#endif
+  const Camera camera = orbit_camera(field_->shape().sphere, 30, 20, 3, 96, 96);
+  const TileReader tiles(*field_, {.memory = 1 << 20});
+  Renderer renderer(tiles, 2);
+  const Image expected = *renderer.render(camera, {});
+  for (const bool endless : {false, true}) {
+    std::atomic<bool> stop{false}, begun{false};
+    std::vector<std::jthread> others;
+    for (int k = 0; k < 3; ++k)
+      others.emplace_back([&] {
+        Renderer own(tiles, 2);
+        while (!stop)
+          EXPECT_TRUE(own.render(camera, {}, nullptr, [&](const Progress&) {
+            begun = true;
+            while (endless && !stop) std::this_thread::yield();
+            return true;
+          }));
+      });
+    while (!begun) std::this_thread::yield();
+    for (int round = 0; round < (endless ? 1 : testing::repetitions(40)); ++round) {
+      const pid_t child = fork();
+      if (child == 0) {
+        alarm(60);
+        int drawn = drawn_after_fork(renderer, camera, expected);
+        {  // what was made before can be destroyed, and the field is as good as new
+          const Renderer ended = std::move(renderer);
+          Renderer another(*field_, {.memory = 1 << 20, .threads = 2});
+          if (drawn_after_fork(another, camera, expected) != 0) drawn = 1;
+        }
+        _exit(drawn);
+      }
+      int status = 0;
+      waitpid(child, &status, 0);
+      ASSERT_TRUE(WIFEXITED(status)) << "hangs";
+      EXPECT_EQ(WEXITSTATUS(status), endless ? 2 : 0);
+    }
+    stop = true;
+  }
+  EXPECT_EQ(drawn_after_fork(renderer, camera, expected), 0);
 }
 
 }  // namespace

@@ -746,6 +746,20 @@ TEST_F(MeshFormats, PlyInAnyByteOrderWithStrips) {
   }
 }
 
+TEST_F(MeshFormats, MisnamedFilesAreKnownByWhatTheyHold) {
+  for (const char* name : {"a.ply", "a.obj", "a.stl", "a.glb", "a.gltf"})
+    for (const auto& [begin, format] : {std::pair{"SIMPLE  =                    T", "FITS image"},
+                                        {"GIF89a", "GIF picture"},
+                                        {"Kaydara FBX Binary", "FBX scene"},
+                                        {"<!DOCTYPE html><html>", "web page"},
+                                        {"\x89HDF\r\n\x1a\n", "HDF5 file"},
+                                        {"PK\3\4", "ZIP archive"}}) {
+      const Error why = error(name, begin + std::string(400, ' '));
+      EXPECT_EQ(why.code, ErrorCode::unsupported) << name << ": " << why.message;
+      EXPECT_THAT(why.message, HasSubstr(format)) << name;
+    }
+}
+
 TEST_F(MeshFormats, PointsAndSplatsAreNamed) {
   const std::string values = "0 0 0\n1 0 0\n0 1 0\n1 1 0\n";
   const Error points =

@@ -9,6 +9,7 @@
 #include <numbers>
 
 #include "base/bytes.h"
+#include "slf/measure.h"
 #include "slf/pictures.h"
 #include "source/pictures/cameras.h"
 #include "tests/source/pictures/samples.h"
@@ -431,6 +432,24 @@ TEST(Cameras, AreWellSpreadAndSurviveTheirFile) {
       EXPECT_NEAR(glm::distance(set->pictures[k].axes[axis], cameras[k].axes[axis]), 0, 1e-9);
     EXPECT_EQ(set->pictures[k].lens.fx, cameras[k].lens.fx);
   }
+}
+
+// A view that is cut off would be compared with a picture that is not.
+TEST_F(Pictures, ThoseThatAreTooLargeWithoutDistortionAreRefused) {
+  Picture picture;
+  picture.name = "large.jpg";
+  Lens& lens = picture.lens;
+  lens.width = 9000, lens.height = 6000, lens.fx = lens.fy = 8000, lens.cx = 4500, lens.cy = 3000;
+  lens.k[0] = -0.05;
+  lens.finish();
+  const auto camera = camera_of(picture);
+  ASSERT_FALSE(camera);
+  EXPECT_EQ(camera.error().code, ErrorCode::unsupported);
+  EXPECT_THAT(camera.error().message, HasSubstr("large.jpg: "));
+  EXPECT_THAT(camera.error().message, HasSubstr(" pixels, more than 16384 along a side; scale"));
+  lens.width = 4500, lens.height = 3000, lens.fx = lens.fy = 4000, lens.cx = 2250, lens.cy = 1500;
+  lens.finish();
+  EXPECT_TRUE(camera_of(picture));
 }
 
 }  // namespace

@@ -282,6 +282,20 @@ TEST(DicomFolders, UnevenSlicesAreRefusedOrResampled) {
   expect_slices(expect_read(even.path(), {.resample = true}), {0, 1, 2});
 }
 
+TEST(DicomFolders, FilesOfKindsWithoutPicturesAreUnsupported) {
+  for (const auto& [kind, named] :
+       {std::pair{"1.2.840.10008.5.1.4.1.1.481.3", "a DICOM RT structure set"},
+        {"1.2.840.10008.5.1.4.1.1.481.5", "a DICOM RT plan"},
+        {"1.2.840.10008.5.1.4.1.1.88.11", "no DICOM pictures"}}) {
+    const Folder folder;
+    for (const char* name : {"a.dcm", "b"})
+      folder.write(name, write_dicom({{0x00080016, text("UI", kind)},
+                                      {0x00080060, text("CS", "OT")},
+                                      {0x0020000e, text("UI", "1.2.9")}}));
+    expect_error(folder.path(), ErrorCode::unsupported, named);
+  }
+}
+
 TEST(DicomFolders, SlicesBesideTheLineAreRefused) {
   const Folder folder;
   write_slices(folder, {0, 1, 2});
@@ -324,6 +338,12 @@ TEST(DicomTimes, ClassicSeriesByWhatTheFilesSay) {
       expect_slices(volume, {from, from + 1, from + 2});
       EXPECT_THAT(volume.notes,
                   ElementsAre(HasSubstr("time point " + std::to_string(t) + " of 3")));
+    }
+    if (tag == 0x0008002a) {
+      EXPECT_THAT(expect_read(folder.path(), {.time = 0}).notes,
+                  ElementsAre(HasSubstr("AcquisitionDateTime 20200101235959.5")));
+      EXPECT_THAT(expect_read(folder.path(), {.time = 1}).notes,
+                  ElementsAre(HasSubstr("AcquisitionDateTime 20200102000000")));
     }
     expect_error(folder.path(), ErrorCode::usage, "time point 3", {.time = 3});
     EXPECT_EQ(list_series(folder.path())->series[0].times, 3);
