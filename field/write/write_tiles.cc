@@ -69,7 +69,7 @@ class Pipeline {
 
   /// Makes the tiles [begin, end) on all threads, and puts them in order.
   Result<void> write(std::uint64_t begin, std::uint64_t end) {
-    const auto& [pending, cache, threads, window, batch] = plan_.budget;
+    const auto& [memory, pending, cache, threads, window, batch] = plan_.budget;
     const auto keys = [&](std::uint64_t from, std::uint64_t count) {
       std::vector<TileKey> some;
       for (std::uint64_t k = from; k < std::min(from + count, end); ++k) some.push_back(key(k));

@@ -1,7 +1,6 @@
 // What a writer promises: commits, resuming, replacing, exclusion, and what it refuses.
 #include <gmock/gmock.h>
 
-#include <fstream>
 #include <iterator>
 
 #include "tests/storage/failing_calls.h"
@@ -89,11 +88,6 @@ TEST(TileWriter, LeavesNothingBesideTheContainer) {
     }
   refuse_unnamed_files(false);
   ASSERT_EQ(before != nullptr ? setenv("TMPDIR", kept.c_str(), 1) : unsetenv("TMPDIR"), 0);
-}
-
-std::string bytes_of_file(const std::string& path) {
-  std::ifstream in(path, std::ios::binary);
-  return {std::istreambuf_iterator<char>(in), {}};
 }
 
 TEST(TileWriter, ASecondWriterIsRefusedAtOnce) {
