@@ -50,6 +50,10 @@ class Codec {
   /// ignore predictions.
   [[nodiscard]] virtual bool predicts() const { return false; }
 
+  /// Whether it expects colours halfway between predicted columns from four of these, not two
+  /// (FORMAT.md, "Prediction").
+  [[nodiscard]] virtual bool four_taps() const { return false; }
+
   /// Predicted::used of a payload, untrusted, for a tile of this level with candidates of these
   /// kinds. Empty if the codec does not predict.
   [[nodiscard]] virtual std::vector<std::uint8_t> references(

@@ -42,36 +42,36 @@ void premultiply_any(std::uint32_t* pixels, const std::uint8_t* alpha, std::size
 }
 
 template <class D>
-HWY_INLINE void add(D du, const std::int16_t* const difference[3], std::size_t k,
-                    std::uint32_t* pixels) {
+HWY_INLINE void add(D du, const std::int16_t* const difference[3], const std::int16_t* matrix,
+                    std::size_t k, std::uint32_t* pixels) {
   const hn::RebindToSigned<D> d;
   const hn::Rebind<std::int16_t, D> narrow;
   const auto load = [&](std::size_t c) {
     return hn::PromoteTo(d, hn::LoadU(narrow, difference[c] + k));
   };
-  const auto y = load(0), cb = load(1), cr = load(2);
-  const auto times = [&](auto v, std::int32_t by) { return hn::Mul(v, hn::Set(d, by)); };
-  const auto scaled = [&](auto v) { return hn::ShiftRight<8>(hn::Add(v, hn::Set(d, 128))); };
+  const auto a = load(0), b = load(1), c = load(2);
   const auto before = hn::LoadU(du, pixels + k);
   const auto pixel = hn::BitCast(d, before);
-  const auto byte = hn::Set(d, 255);
   const auto limit = hn::BitCast(d, hn::ShiftRight<24>(before));
-  const auto sum = [&](auto shifted, auto by) {
-    const auto value = hn::Add(hn::And(shifted, byte), by);
+  // Halves round up, but those of G, in which YCbCr's terms are subtracted, down.
+  const auto sum = [&](auto shifted, const std::int16_t* row, std::int32_t half) {
+    const auto times = [&](auto v, std::size_t by) { return hn::Mul(v, hn::Set(d, row[by])); };
+    const auto by =
+        hn::Add(hn::Add(times(a, 0), times(b, 1)), hn::Add(times(c, 2), hn::Set(d, half)));
+    const auto value = hn::Add(hn::And(shifted, hn::Set(d, 255)), hn::ShiftRight<8>(by));
     return hn::Min(hn::Max(value, hn::Zero(d)), limit);
   };
-  const auto r = sum(pixel, hn::Add(y, scaled(times(cr, 359))));
-  const auto g =
-      sum(hn::ShiftRight<8>(pixel), hn::Sub(y, scaled(hn::Add(times(cb, 88), times(cr, 183)))));
-  const auto b = sum(hn::ShiftRight<16>(pixel), hn::Add(y, scaled(times(cb, 454))));
-  const auto rgb = hn::Or3(r, hn::ShiftLeft<8>(g), hn::ShiftLeft<16>(b));
+  const auto red = sum(pixel, matrix, 128);
+  const auto green = sum(hn::ShiftRight<8>(pixel), matrix + 3, 127);
+  const auto blue = sum(hn::ShiftRight<16>(pixel), matrix + 6, 128);
+  const auto rgb = hn::Or3(red, hn::ShiftLeft<8>(green), hn::ShiftLeft<16>(blue));
   const auto top = hn::And(before, hn::Set(du, 0xFF000000u));
   hn::StoreU(hn::Or(hn::BitCast(du, rgb), top), du, pixels + k);
 }
 
-void add_differences_any(const std::int16_t* const difference[3], std::size_t count,
-                         std::uint32_t* pixels) {
-  for_vectors(count, [&](auto d, std::size_t k) { add(d, difference, k, pixels); });
+void add_differences_any(const std::int16_t* const difference[3], const std::int16_t* matrix,
+                         std::size_t count, std::uint32_t* pixels) {
+  for_vectors(count, [&](auto d, std::size_t k) { add(d, difference, matrix, k, pixels); });
 }
 
 }  // namespace
@@ -90,10 +90,11 @@ void premultiply(std::span<std::uint32_t> pixels, std::span<const std::uint8_t> 
 }
 
 void add_differences(const std::array<std::span<const std::int16_t>, 3>& differences,
-                     std::span<std::uint32_t> pixels) {
+                     const ColorMatrix& matrix, std::span<std::uint32_t> pixels) {
   const std::int16_t* const difference[] = {differences[0].data(), differences[1].data(),
                                             differences[2].data()};
-  HWY_DYNAMIC_DISPATCH(add_differences_any)(difference, pixels.size(), pixels.data());
+  HWY_DYNAMIC_DISPATCH(add_differences_any)
+  (difference, matrix.data(), pixels.size(), pixels.data());
 }
 
 }  // namespace slf::codec

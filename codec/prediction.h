@@ -21,6 +21,9 @@ inline constexpr std::uint32_t kUnpredictedColor = 0xFF808080;
 /// Candidates differ in how often they are used.
 inline constexpr std::size_t kReferenceKinds = 4;
 
+/// The scale that leaves quantisation steps as they are.
+inline constexpr int kPlainScale = 16;
+
 /// A prediction of a tile from some of the tiles that it may be predicted from, its candidates.
 struct Predicted {
   unsigned level = 0;                   ///< of the tile
@@ -28,6 +31,7 @@ struct Predicted {
   std::span<const std::uint8_t>
       used;  ///< for each candidate 1 if it is predicted from that, else 0
   Prediction prediction;
+  int scale = kPlainScale;  ///< of quantisation steps, 1..255
 };
 
 }  // namespace slf::codec

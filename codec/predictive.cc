@@ -32,6 +32,15 @@ std::uint8_t snapped(int alpha) {
   return static_cast<std::uint8_t>(alpha <= 2 ? 0 : alpha >= 253 ? 255 : alpha);
 }
 
+/// From differences of R, G and B to those of the coded planes.
+std::array<float, 9> inverse(const ColorMatrix& matrix) {
+  std::array<float, 9> inverse{};
+  for (std::size_t k = 0; k < 9; ++k)
+    inverse[k] = static_cast<float>(256 * static_cast<double>(adjugate(matrix)[k]) /
+                                    static_cast<double>(determinant(matrix)));
+  return inverse;
+}
+
 /// For each block, 1 if it has a visible sample. Other blocks are not coded. `pixels` are 0 where
 /// nothing is visible.
 void find_visible(const TilePicture& picture, std::span<const std::uint8_t> pixels,
@@ -93,9 +102,13 @@ TilePicture::TilePicture(const TileShape& tile) {
   });
 }
 
-PredictiveEncoder::PredictiveEncoder(const PredictiveLevel& level, const TilePicture& picture,
-                                     Bytes& payload)
-    : level_(level), picture_(picture), coder_(payload), states_(picture.pixels() / 64) {}
+PredictiveEncoder::PredictiveEncoder(const PredictiveLevel& level, int scale,
+                                     const TilePicture& picture, Bytes& payload)
+    : level_(level),
+      scale_(scale),
+      picture_(picture),
+      coder_(payload),
+      states_(picture.pixels() / 64) {}
 
 void PredictiveEncoder::references(std::span<const std::uint8_t> kinds,
                                    std::span<const std::uint8_t> used) {
@@ -110,7 +123,7 @@ BlockPlane PredictiveEncoder::quantise(std::size_t plane, std::span<const std::u
                                        std::span<const float> weight,
                                        std::vector<float>& difference, float round_up_from) const {
   fill(picture_.width(), picture_.height(), weight, difference);
-  const std::array<std::int32_t, 64> steps = level_.steps_of(plane).steps();
+  const std::array<std::int32_t, 64> steps = level_.steps_of(plane, scale_);
   const std::size_t across = picture_.width() / 8;
   BlockPlane blocks(coded.size());
   for (std::size_t b = 0; b < blocks.size(); ++b) {
@@ -188,7 +201,7 @@ PredictiveEncoder::Alpha PredictiveEncoder::soft_alpha(const Prediction& predict
   made.set = level_.models->alpha_sets;
   made.bits = best_set(made.symbols, level_.models->blocks).second;
   std::vector<std::int16_t> pixels(picture_.pixels());
-  const auto steps = level_.steps_of(kAlphaPlane).steps();
+  const auto steps = level_.steps_of(kAlphaPlane, scale_);
   for (std::size_t b = 0; b < blocks.size(); ++b)
     if (states_[b].length > 0) restore(blocks[b], states_[b].length, steps, picture_, b, pixels);
   for (std::size_t s = 0; s < rgba.size(); ++s)
@@ -205,7 +218,8 @@ void PredictiveEncoder::encode(const Prediction& prediction, std::span<const std
       const double off = static_cast<double>(alpha.decoded[s]) - static_cast<double>(rgba[s] >> 24);
       error += off * off;
     }
-    const double step = level_.steps[kAlphaPlane].low / static_cast<double>(kCoefficientScale);
+    const double step =
+        level_.steps_of(kAlphaPlane, scale_)[0] / static_cast<double>(kCoefficientScale);
     return error + kAlphaErrorPerBit * step * step * alpha.bits;
   };
   Alpha alpha = soft_alpha(prediction, rgba);
@@ -257,20 +271,23 @@ void PredictiveEncoder::encode_color(const Prediction& prediction,
   std::vector<float> weight(picture_.pixels());
   std::array<std::vector<float>, 3> difference;
   for (auto& plane : difference) plane.resize(picture_.pixels());
+  const std::array<float, 9> planes = inverse(level_.matrix);
   for (std::size_t s = 0; s < alpha.size(); ++s) {
     if (alpha[s] == 0) continue;
-    const auto differs = [&](std::uint32_t shift) {
-      const std::uint32_t from = prediction.color[s] >> shift & 255;
-      return static_cast<float>(rgba[s] >> shift & 255) -
-             static_cast<float>(premultiplied(from, alpha[s]));
-    };
-    const float r = differs(0), g = differs(8), b = differs(16);
-    const float y = 0.299f * r + 0.587f * g + 0.114f * b;
+    std::array<std::int32_t, 3> rgb;
+    for (std::uint32_t c = 0; c < 3; ++c)
+      rgb[c] = static_cast<std::int32_t>(rgba[s] >> 8 * c & 255) -
+               static_cast<std::int32_t>(
+                   premultiplied(prediction.color[s] >> 8 * c & 255, std::uint32_t{alpha[s]}));
+    if (symbols_)
+      for (std::size_t a = 0, k = 0; a < 3; ++a)
+        for (std::size_t b = a; b < 3; ++b) symbols_->colors[k++] += rgb[a] * rgb[b];
     // Detail in hardly visible matter is mostly noise, which views do not reproduce.
     weight[pixel_of[s]] = std::sqrt(static_cast<float>(alpha[s]) / 255.f);
-    difference[0][pixel_of[s]] = y;
-    difference[1][pixel_of[s]] = (b - y) / 1.772f;
-    difference[2][pixel_of[s]] = (r - y) / 1.402f;
+    for (std::size_t c = 0; c < 3; ++c)
+      difference[c][pixel_of[s]] = planes[3 * c] * static_cast<float>(rgb[0]) +
+                                   planes[3 * c + 1] * static_cast<float>(rgb[1]) +
+                                   planes[3 * c + 2] * static_cast<float>(rgb[2]);
   }
   for (std::size_t c = 0; c < 3; ++c) {
     BlockPlane blocks = quantise(kYPlane + c, visible, weight, difference[c], kRoundUpFrom);
@@ -308,9 +325,9 @@ struct PredictiveDecoder::Work {
   }
 };
 
-PredictiveDecoder::PredictiveDecoder(const PredictiveLevel& level, const TilePicture& picture,
-                                     ByteSpan payload)
-    : level_(level), picture_(picture), coder_(payload) {}
+PredictiveDecoder::PredictiveDecoder(const PredictiveLevel& level, int scale,
+                                     const TilePicture& picture, ByteSpan payload)
+    : level_(level), scale_(scale), picture_(picture), coder_(payload) {}
 
 void PredictiveDecoder::references(std::span<const std::uint8_t> kinds,
                                    std::span<std::uint8_t> used) {
@@ -327,7 +344,7 @@ bool PredictiveDecoder::decode_plane(std::size_t plane, std::span<const std::uin
     return false;
   }
   std::fill(work.difference.begin(), work.difference.end(), std::int16_t{0});
-  const std::array<std::int32_t, 64> steps = level_.steps_of(plane).steps();
+  const std::array<std::int32_t, 64> steps = level_.steps_of(plane, scale_);
   const std::size_t across = picture_.width() / 8;
   SymbolDecoder decoder(coder_, level_.models->blocks[set]->models().data());
   for (std::size_t b = 0; b < work.states.size(); ++b) {
@@ -393,7 +410,7 @@ Result<void> PredictiveDecoder::decode(const Prediction& prediction, std::span<s
       std::fill(work.colors[c].begin(), work.colors[c].end(), std::int16_t{0});
   std::copy(prediction.color.begin(), prediction.color.end(), rgba.begin());
   premultiply(rgba, work.alpha);
-  add_differences({work.colors[0], work.colors[1], work.colors[2]}, rgba);
+  add_differences({work.colors[0], work.colors[1], work.colors[2]}, level_.matrix, rgba);
   if (coder_.finished()) return {};
   return fail(ErrorCode::bad_file, "the payload does not end where its content does");
 }

@@ -1,7 +1,7 @@
 // The predictive codec: codes opacity, depth and colour of a tile as differences from a prediction
 // that the caller makes (FORMAT.md, "The predictive codec").
 //
-//   PredictiveDecoder decoder(level, picture, payload);
+//   PredictiveDecoder decoder(level, scale, picture, payload);
 //   decoder.references(kinds, used);       // which of the caller's candidates to predict from
 //   ... predict alpha, depth and colours, not multiplied by alpha ...
 //   decoder.decode({alpha, depth, color}, decoded_depth, rgba);
@@ -51,19 +51,26 @@ using BlockPlane = std::vector<Block>;
 
 /// The symbols of a tile, for training. Lists are empty where a part is not coded.
 struct TileSymbols {
+  std::size_t level_kind = 0;  ///< PredictiveLevel::kind
   std::vector<std::uint8_t> kinds, used;
   SymbolList alpha;  ///< levels of alpha
   std::array<SymbolList, kPlanes> planes;
+  /// Sums of the products RR, RG, RB, GG, GB and BB of differences of colours.
+  std::array<std::int64_t, 6> colors{};
 };
 
 /// Keeps references to its arguments, which must outlive it.
 class PredictiveEncoder {
  public:
   /// Appends to `payload`.
-  PredictiveEncoder(const PredictiveLevel& level, const TilePicture& picture, Bytes& payload);
+  PredictiveEncoder(const PredictiveLevel& level, int scale, const TilePicture& picture,
+                    Bytes& payload);
 
   /// Notes the symbols of the tile in `symbols`, if it is not null.
-  void collect(TileSymbols* symbols) { symbols_ = symbols; }
+  void collect(TileSymbols* symbols) {
+    symbols_ = symbols;
+    if (symbols) symbols->level_kind = level_.kind;
+  }
 
   /// Codes which candidates are used. `kinds`, in [0, kReferenceKinds), selects a model: candidates
   /// of one kind are used about equally often.
@@ -95,6 +102,7 @@ class PredictiveEncoder {
                     std::span<const std::uint8_t> visible, std::span<const std::uint32_t> rgba);
 
   const PredictiveLevel& level_;
+  const int scale_;
   const TilePicture& picture_;
   RansEncoder coder_;
   std::vector<BlockState> states_;  // of the plane that was coded last; at first all 0
@@ -105,7 +113,8 @@ class PredictiveEncoder {
 /// decoded a tile of the same size.
 class PredictiveDecoder {
  public:
-  PredictiveDecoder(const PredictiveLevel& level, const TilePicture& picture, ByteSpan payload);
+  PredictiveDecoder(const PredictiveLevel& level, int scale, const TilePicture& picture,
+                    ByteSpan payload);
 
   void references(std::span<const std::uint8_t> kinds, std::span<std::uint8_t> used);
   /// Decodes all samples, colours premultiplied. bad_file: the payload is damaged, as far as that
@@ -122,6 +131,7 @@ class PredictiveDecoder {
                                   Work& work);
 
   const PredictiveLevel& level_;
+  const int scale_;
   const TilePicture& picture_;
   RansDecoder coder_;
 };

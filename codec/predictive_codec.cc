@@ -100,7 +100,7 @@ void PredictiveCodec::encode_blocks(const TileShape& tile, ByteSpan samples, con
   for (std::size_t s = 0; s < count; ++s) rgba[s] = load_le<std::uint32_t>(samples.data() + 4 * s);
   const std::span depth(reinterpret_cast<const std::uint8_t*>(&samples[4 * count]), count);
   TileSymbols symbols;
-  PredictiveEncoder encoder(tables_.level(from.level), picture(tile), payload);
+  PredictiveEncoder encoder(tables_.level(from.level), scale(from), picture(tile), payload);
   if (observer_) encoder.collect(&symbols);
   encoder.references(from.kinds, from.used);
   encoder.encode(from.prediction, depth, rgba);
@@ -110,7 +110,7 @@ void PredictiveCodec::encode_blocks(const TileShape& tile, ByteSpan samples, con
 Result<void> PredictiveCodec::decode_blocks(const TileShape& tile, ByteSpan payload,
                                             const Predicted& from,
                                             std::span<std::byte> samples) const {
-  PredictiveDecoder decoder(tables_.level(from.level), picture(tile), payload);
+  PredictiveDecoder decoder(tables_.level(from.level), scale(from), picture(tile), payload);
   SLF_TRY(pass_references(decoder, from));
   auto& rgba_scratch =
       per_thread<Scratch<std::uint32_t>>([] {});  // `samples` may have any alignment

@@ -24,6 +24,7 @@ class PredictiveCodec final : public Codec {
   [[nodiscard]] std::string spec() const override;
   [[nodiscard]] bool lossless() const override { return settings_.quality == kLosslessQuality; }
   [[nodiscard]] bool predicts() const override { return true; }
+  [[nodiscard]] bool four_taps() const override { return !tables_.plain; }
   [[nodiscard]] std::vector<std::uint32_t> blocks(const TileShape& tile) const override;
   [[nodiscard]] ByteSpan tables() const override { return bytes_; }
   [[nodiscard]] std::vector<std::uint8_t> references(unsigned level,
@@ -36,6 +37,9 @@ class PredictiveCodec final : public Codec {
                                     std::span<std::byte> samples) const override;
 
  private:
+  [[nodiscard]] int scale(const Predicted& from) const {
+    return tables_.plain ? kPlainScale : from.scale;
+  }
   void encode_blocks(const TileShape& tile, ByteSpan samples, const Predicted& from,
                      Bytes& payload) const;
   [[nodiscard]] Result<void> decode_blocks(const TileShape& tile, ByteSpan payload,

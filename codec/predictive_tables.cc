@@ -12,33 +12,25 @@ namespace {
 
 constexpr const char* kTables = "shared tables of a predictive codec";  // in errors
 constexpr std::size_t kStepBytes = kPlanesWithSteps * 4;
-/// The first byte of the tables: their version. Others are of older releases, whose tiles were
-/// coded in another way.
-constexpr std::byte kVersion{2};
+/// The first byte of the tables: their version. Lower ones are of releases before 0.3, whose tiles
+/// were coded in another way.
+constexpr std::byte kPlainVersion{2}, kVersion{3};
+constexpr std::size_t kMatrixBytes = 2 * std::tuple_size_v<ColorMatrix>;
 /// As many sets as a byte can choose from, and far more than are of use.
 constexpr std::size_t kMaxSets = 64;
-
-constexpr std::ptrdiff_t kUsedBytes = 2 * kReferenceKinds * 2;
 
 constexpr std::uint8_t kTrained[] = {
 #include "codec/predictive_trained.inc"
 };
 
-/// The symbols of all models of a set together.
-template <std::size_t kGroups>
-constexpr std::size_t symbols_of(const std::array<ModelGroup, kGroups>& groups) {
-  std::size_t sum = 0;
-  for (const ModelGroup& group : groups) sum += group.models * group.symbols;
-  return sum;
-}
-
-std::size_t stored_weights(std::size_t alpha_sets, std::size_t block_sets) {
-  return 2 * (alpha_sets + 1 + kPlanes * (block_sets + 1)) +
-         alpha_sets * symbols_of(AlphaModels::kGroups) +
-         block_sets * symbols_of(BlockModels::kGroups);
-}
-
-void read_weights(std::span<const std::uint8_t> weights, PredictiveModels& models) {
+PredictiveModels make_models(const StoredModels& stored) {
+  PredictiveModels models;
+  for (std::size_t at = 0; at < stored.used.size(); ++at)
+    models.levels[at / (2 * kReferenceKinds)].used[at / 2 % kReferenceKinds][at % 2] =
+        BitModel(probability_of(stored.used[at]));
+  models.alpha_sets = stored.alpha_sets, models.block_sets = stored.block_sets;
+  if (stored.weights.empty()) return models;
+  std::span<const std::uint8_t> weights = stored.weights;
   const auto next = [&](std::size_t count) {
     const auto taken = weights.first(count);
     weights = weights.subspan(count);
@@ -49,37 +41,12 @@ void read_weights(std::span<const std::uint8_t> weights, PredictiveModels& model
     for (std::size_t plane = 0; plane < kPlanes; ++plane)
       level.block_set.emplace_back(next(models.block_sets + 1));
   }
-  const auto read_sets = [&](std::size_t count, const auto& groups, auto& to) {
+  const auto make_sets = [&](std::size_t count, const auto& groups, auto& to) {
     for (std::size_t set = 0; set < count; ++set)
       to.push_back(std::make_shared<ModelSet>(groups, next(symbols_of(groups))));
   };
-  read_sets(models.alpha_sets, AlphaModels::kGroups, models.alpha);
-  read_sets(models.block_sets, BlockModels::kGroups, models.blocks);
-}
-
-Result<PredictiveModels> unpack_models(ByteSpan packed) {
-  PredictiveModels models;
-  if (packed.size() < std::size_t{kUsedBytes} + 2)
-    return bad_file(kTables, "end before the models");
-  std::size_t at = 0;
-  for (LevelModels& level : models.levels)
-    for (auto& of_kind : level.used)
-      for (BitModel& model : of_kind)
-        model = BitModel(probability_of(std::to_integer<std::uint8_t>(packed[at++])));
-  models.alpha_sets = std::to_integer<std::size_t>(packed[at++]);
-  models.block_sets = std::to_integer<std::size_t>(packed[at++]);
-  packed = packed.subspan(at);
-  if (models.alpha_sets > kMaxSets || models.block_sets > kMaxSets)
-    return bad_file(kTables, "more than ", kMaxSets, " sets of models");
-  if (models.alpha_sets + models.block_sets > 0) {
-    std::vector<std::uint8_t> weights(stored_weights(models.alpha_sets, models.block_sets));
-    SLF_TRY(read_stream(packed, std::as_writable_bytes(std::span(weights))));
-    if (std::any_of(weights.begin(), weights.end(),
-                    [](std::uint8_t w) { return w >= SymbolModel::kWeights; }))
-      return bad_file(kTables, "a weight above 63");
-    read_weights(weights, models);
-  }
-  if (!packed.empty()) return bad_file(kTables, packed.size(), " bytes are left over");
+  make_sets(models.alpha_sets, AlphaModels::kGroups, models.alpha);
+  make_sets(models.block_sets, BlockModels::kGroups, models.blocks);
   return models;
 }
 
@@ -90,19 +57,57 @@ struct TrainedModels {
 
   explicit TrainedModels(ByteSpan from)
       : packed(from.begin(), from.end()),
-        models(std::make_shared<PredictiveModels>(unpack_models(from).value())) {}
+        models(
+            std::make_shared<PredictiveModels>(make_models(StoredModels::unpack(from).value()))) {}
 };
 const TrainedModels& trained_models(bool by_sample) {
   static const TrainedModels with_sets(as_bytes(std::span(kTrained)));
   static const TrainedModels without_sets([] {
-    Bytes packed(with_sets.packed.begin(), with_sets.packed.begin() + kUsedBytes);
-    packed.insert(packed.end(), 2, std::byte{0});
-    return packed;
+    StoredModels stored = StoredModels::unpack(with_sets.packed).value();
+    stored.alpha_sets = stored.block_sets = 0, stored.weights.clear();
+    return stored.pack().value();
   }());
   return by_sample ? without_sets : with_sets;
 }
 
 }  // namespace
+
+std::size_t symbols_of(std::span<const ModelGroup> groups) {
+  std::size_t sum = 0;
+  for (const ModelGroup& group : groups) sum += group.models * group.symbols;
+  return sum;
+}
+
+Result<Bytes> StoredModels::pack() const {
+  Bytes packed;
+  for (const std::uint8_t byte : used) packed.push_back(std::byte{byte});
+  for (const std::size_t sets : {alpha_sets, block_sets})
+    packed.push_back(static_cast<std::byte>(sets));
+  SLF_TRY(append_stream(std::as_bytes(std::span(weights)), 19, packed));
+  return packed;
+}
+
+Result<StoredModels> StoredModels::unpack(ByteSpan packed) {
+  StoredModels models;
+  const std::size_t used = models.used.size();
+  if (packed.size() < used + 2) return bad_file(kTables, "end before the models");
+  const auto byte = [&](std::size_t at) { return std::to_integer<std::uint8_t>(packed[at]); };
+  for (std::size_t at = 0; at < used; ++at) models.used[at] = byte(at);
+  models.alpha_sets = byte(used), models.block_sets = byte(used + 1);
+  packed = packed.subspan(used + 2);
+  if (models.alpha_sets > kMaxSets || models.block_sets > kMaxSets)
+    return bad_file(kTables, "more than ", kMaxSets, " sets of models");
+  if (models.alpha_sets + models.block_sets > 0) {
+    models.weights.resize(models.choices(2) + models.alpha_sets * symbols_of(AlphaModels::kGroups) +
+                          models.block_sets * symbols_of(BlockModels::kGroups));
+    SLF_TRY(read_stream(packed, std::as_writable_bytes(std::span(models.weights))));
+    if (std::any_of(models.weights.begin(), models.weights.end(),
+                    [](std::uint8_t w) { return w >= SymbolModel::kWeights; }))
+      return bad_file(kTables, "a weight above 63");
+  }
+  if (!packed.empty()) return bad_file(kTables, packed.size(), " bytes are left over");
+  return models;
+}
 
 std::span<const SymbolModel> ModelSet::models() const {
   std::call_once(once_, [&] {
@@ -121,6 +126,13 @@ std::array<std::int32_t, 64> StepRange::steps() const {
   for (int k = 0; k < 64; ++k)
     steps[static_cast<std::size_t>(k)] = low + (high - low) * (k % 8 + k / 8) / 14;
   return steps;
+}
+
+std::array<std::int32_t, 64> PredictiveLevel::steps_of(std::size_t plane, int scale) const {
+  auto of = steps[plane == kCrPlane ? kCbPlane : plane].steps();
+  for (std::int32_t& step : of)
+    step = std::clamp((step * scale + kPlainScale / 2) / kPlainScale, 1, 65535);
+  return of;
 }
 
 std::uint16_t probability_of(std::uint8_t byte) {
@@ -142,7 +154,7 @@ struct FinestSteps {
     color = quality > 90 ? 50 * scale : 1.7 + 40 * scale;
     // Colours make up for errors of alpha, but over a bright background these are visible.
     alpha = color + std::min(color, 5.);
-    depth = quality > 90 ? 80 * scale : 8 + 40 * scale;
+    depth = quality > 90 ? 64 * scale : 6.4 + 32 * scale;
   }
 };
 
@@ -165,11 +177,12 @@ PredictiveTables predictive_tables(const PredictiveSettings& settings, unsigned 
   // The larger the finest steps, the more detail must come from the coarser levels.
   const double fine = std::min(1., 10 / finest_steps.color);
   const TrainedModels& trained = trained_models(settings.by_sample());
-  PredictiveTables tables{{}, trained.packed};
+  PredictiveTables tables{settings.by_sample(), {}, trained.packed};
   for (unsigned level = 0; level <= finest; ++level) {
     const unsigned above = finest - level;
+    const double next = settings.by_sample() ? 0.55 : 0.5;
     const double color =
-        shrunk(finest_steps.color, 0.55 * std::pow(fine, 0.45), 0.8 * std::pow(fine, 0.7), above);
+        shrunk(finest_steps.color, next * std::pow(fine, 0.45), 0.8 * std::pow(fine, 0.7), above);
     const double depth =
         shrunk(finest_steps.depth, 0.65 * std::pow(fine, 0.2), 0.8 * std::pow(fine, 0.4), above);
     const double alpha =
@@ -178,9 +191,9 @@ PredictiveTables predictive_tables(const PredictiveSettings& settings, unsigned 
     if (settings.quality == kLosslessQuality)
       made.steps.fill(step_range(1, 1));
     else if (settings.by_sample())
-      // Half floats are in 1/1024 of an octave. Without a transform, a third of the step gives
-      // about the same error.
-      made.steps = {step_range(1, 1), step_range(depth / 3, 1), step_range(6 * color, 1),
+      // Half floats are in 1/1024 of an octave. Without a transform, smaller steps give about the
+      // same error.
+      made.steps = {step_range(1, 1), step_range(depth / 2.4, 1), step_range(6 * color, 1),
                     step_range(6 * color, 1)};
     else
       made.steps = {step_range(alpha, 2), step_range(depth, 2), step_range(color, 1.5),
@@ -192,38 +205,52 @@ PredictiveTables predictive_tables(const PredictiveSettings& settings, unsigned 
 }
 
 Bytes to_bytes(const PredictiveTables& tables) {
-  Bytes bytes{kVersion, static_cast<std::byte>(tables.levels.size())};
+  Bytes bytes{tables.plain ? kPlainVersion : kVersion,
+              static_cast<std::byte>(tables.levels.size())};
   for (const PredictiveLevel& level : tables.levels)
     for (const StepRange& steps : level.steps)
       for (const std::uint16_t step : {steps.low, steps.high}) append_le(bytes, step);
+  if (!tables.plain)
+    for (const std::int16_t element : tables.levels[0].matrix)
+      append_le(bytes, static_cast<std::uint16_t>(element));
   bytes.insert(bytes.end(), tables.models.begin(), tables.models.end());
   return bytes;
 }
 
 Result<PredictiveTables> parse_predictive_tables(ByteSpan bytes) {
-  if (bytes.empty() || bytes[0] != kVersion)
-    return bad_file(
-        kTables,
-        "not those of this release, but of one before 0.3, which coded tiles in another "
-        "way");
+  PredictiveTables tables;
+  tables.plain = !bytes.empty() && bytes[0] == kPlainVersion;
+  if (bytes.empty() || bytes[0] < kPlainVersion)
+    return bad_file(kTables, "those of a release before 0.3, which coded tiles in another way");
+  if (bytes[0] > kVersion) return bad_file(kTables, "those of a newer release");
   const std::size_t levels = bytes.size() < 2 ? 0 : std::to_integer<std::size_t>(bytes[1]);
-  const std::size_t models = 2 + levels * kStepBytes;
-  if (levels == 0 || bytes.size() < models)
+  const std::size_t matrix_at = 2 + levels * kStepBytes,
+                    models_at = matrix_at + (tables.plain ? 0 : kMatrixBytes);
+  if (levels == 0 || bytes.size() < models_at)
     return bad_file(kTables, bytes.size(), " bytes, too few for the steps of ", levels, " levels");
-  auto unpacked = SLF_TRY(unpack_models(bytes.subspan(models)));
-  const auto shared = std::make_shared<PredictiveModels>(std::move(unpacked));
-  PredictiveTables tables{{},
-                          Bytes(bytes.begin() + static_cast<std::ptrdiff_t>(models), bytes.end())};
+  ColorMatrix matrix = kYcbcr;
+  for (std::size_t k = 0; k < matrix.size() && !tables.plain; ++k) {
+    matrix[k] = static_cast<std::int16_t>(load_le<std::uint16_t>(&bytes[matrix_at + 2 * k]));
+    if (matrix[k] < -kMaxMatrix || matrix[k] > kMaxMatrix)
+      return bad_file(kTables, "an element of the colour matrix beyond ", kMaxMatrix);
+  }
+  if (std::abs(determinant(matrix)) < 1 << 24)
+    return bad_file(kTables, "a colour matrix that cannot be inverted");
+  const ByteSpan packed = bytes.subspan(models_at);
+  tables.models.assign(packed.begin(), packed.end());
+  const auto shared =
+      std::make_shared<PredictiveModels>(make_models(SLF_TRY(StoredModels::unpack(packed))));
   for (std::size_t level = 0; level < levels; ++level) {
     PredictiveLevel& read = tables.levels.emplace_back();
     for (std::size_t plane = 0; plane < kPlanesWithSteps; ++plane) {
-      const std::byte* at = bytes.data() + 2 + level * kStepBytes + plane * 4;
+      const std::byte* at = &bytes[2 + level * kStepBytes + plane * 4];
       read.steps[plane] = {load_le<std::uint16_t>(at), load_le<std::uint16_t>(at + 2)};
       if (read.steps[plane].low == 0 || read.steps[plane].high == 0)
         return bad_file(kTables, "a step of 0");
     }
     read.models = shared;
     read.kind = level == 0 ? 0 : 1;
+    read.matrix = matrix;
   }
   return tables;
 }

@@ -12,6 +12,7 @@
 #include "base/bytes.h"
 #include "codec/alpha_levels.h"
 #include "codec/block_coder.h"
+#include "codec/color_kernel.h"
 #include "codec/prediction.h"
 #include "codec/range_coder.h"
 #include "codec/rans.h"
@@ -31,7 +32,7 @@ inline constexpr std::size_t kPlanes = 5, kPlanesWithSteps = 4;
 struct StepRange {
   std::uint16_t low = 16, high = 16;
 
-  /// The steps of a Block's coefficients.
+  /// The steps of a block's coefficients.
   [[nodiscard]] std::array<std::int32_t, 64> steps() const;
   friend bool operator==(const StepRange&, const StepRange&) = default;
 };
@@ -61,6 +62,22 @@ class ModelSet {
   mutable std::vector<SymbolModel> models_;
 };
 
+/// Models as they are stored (FORMAT.md, "Shared tables").
+struct StoredModels {
+  std::array<std::uint8_t, 2 * kReferenceKinds * 2> used{};  ///< probabilities
+  std::size_t alpha_sets = 0, block_sets = 0;  ///< 0 of both where tiles are coded by sample
+  std::vector<std::uint8_t> weights;           ///< of choices, then of sets
+
+  /// Where the weights of a level kind's choices begin, which are of `alpha_sets` + 1 symbols, then
+  /// for each plane of `block_sets` + 1.
+  [[nodiscard]] std::size_t choices(std::size_t level_kind) const {
+    return level_kind * (alpha_sets + 1 + kPlanes * (block_sets + 1));
+  }
+  [[nodiscard]] Result<Bytes> pack() const;
+  /// Of what pack() returns; untrusted.
+  [[nodiscard]] static Result<StoredModels> unpack(ByteSpan packed);
+};
+
 /// The models of a codec. Levels of all kinds and planes share the sets.
 struct PredictiveModels {
   std::array<LevelModels, 2> levels;
@@ -73,15 +90,18 @@ struct PredictiveLevel {
   std::array<StepRange, kPlanesWithSteps> steps;
   std::shared_ptr<const PredictiveModels> models;
   std::size_t kind = 0;  ///< an index of models->levels
+  ColorMatrix matrix = kYcbcr;
 
-  [[nodiscard]] const StepRange& steps_of(std::size_t plane) const {
-    return steps[plane == kCrPlane ? kCbPlane : plane];
-  }
+  /// The steps of a plane's coefficients in tiles of this scale (Predicted::scale).
+  [[nodiscard]] std::array<std::int32_t, 64> steps_of(std::size_t plane, int scale) const;
   [[nodiscard]] const LevelModels& level_models() const { return models->levels[kind]; }
 };
 
 /// The tables of a codec. Levels beyond the last entry use the last entry.
 struct PredictiveTables {
+  /// Tables of version 2, those of releases up to 0.3 and of tiles that are coded sample by sample:
+  /// YCbCr, steps without scales, and colours that are predicted by two taps.
+  bool plain = false;
   std::vector<PredictiveLevel> levels;
   Bytes models;  ///< the models as they are stored
 
@@ -102,7 +122,7 @@ struct PredictiveSettings {
   [[nodiscard]] bool by_sample() const { return quality == kLosslessQuality || is_half(format); }
 };
 
-/// Steps for the levels 0 to `finest` of a field, and models trained on several volumes.
+/// Steps for the levels 0 to `finest` of a field, YCbCr, and models trained on several volumes.
 [[nodiscard]] PredictiveTables predictive_tables(const PredictiveSettings& settings,
                                                  unsigned finest);
 
@@ -110,6 +130,9 @@ struct PredictiveSettings {
 
 /// Parses the output of to_bytes(); untrusted. bad_file: anything else.
 [[nodiscard]] Result<PredictiveTables> parse_predictive_tables(ByteSpan bytes);
+
+/// The symbols of all models of a set together.
+[[nodiscard]] std::size_t symbols_of(std::span<const ModelGroup> groups);
 
 /// The initial probability that a byte of the tables stands for, in 1/65536.
 [[nodiscard]] std::uint16_t probability_of(std::uint8_t byte);

@@ -81,7 +81,8 @@ struct TileCoder::Relation {
         sections(sections_of(key, coder.shape_.entry_extra_levels)),
         rows(find_references(coarser, finer, sections.entry.index)),
         // NOLINTNEXTLINE(clang-analyzer-optin.cplusplus.UninitializedObject): initialized there
-        candidates(coarser, rows, sections, state_of(key)) {}
+        candidates(coarser, rows, sections, state_of(key)),
+        four_taps(coder.codec_.four_taps()) {}
 
   /// Predicts the tile, lets `adjust` change that, and calls `code` with the result. Colours of
   /// half floats are converted.
@@ -100,9 +101,10 @@ struct TileCoder::Relation {
       tiles[*k] = {bytes.data(), bytes.data() + bytes.size() / 5 * 4};
     }
     auto& predicted = per_thread<PredictedSamples>([] {});
-    TilePredictor(coarser, finer, sections, rows).predict(tiles, predicted);
+    TilePredictor(coarser, finer, sections, rows).predict(tiles, four_taps, predicted);
     adjust(predicted);
-    const codec::Predicted told{finer.level(), candidates.kinds(), used, predicted.view()};
+    const codec::Predicted told{finer.level(), candidates.kinds(), used, predicted.view(),
+                                step_scale(sections)};
     return code(&told);
   }
 
@@ -111,6 +113,7 @@ struct TileCoder::Relation {
   const TileSections sections;
   const References rows;
   const Candidates candidates;
+  const bool four_taps;
 };
 
 std::pair<std::vector<std::uint32_t>, std::uint32_t> TileCoder::blocks(TileKey key) const {

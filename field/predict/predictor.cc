@@ -1,6 +1,7 @@
 #include "field/predict/predictor.h"
 
 #include <algorithm>
+#include <cmath>
 
 #include "base/per_thread.h"
 #include "field/predict/upsample_kernel.h"
@@ -10,6 +11,10 @@ namespace {
 
 /// Most columns between those at which depth is found, along p and q.
 constexpr unsigned kSparse = 8;
+
+/// About (32 * 3.58)^4: the scale of tiles at the axes is 16 * 3.58. So a quality gives about the
+/// picture that it gave without scales.
+constexpr double kScaleAtAxes = 1.722e8;
 
 /// Repeats the last point, because kernels work in whole vectors.
 void fill_padding(Points& points) {
@@ -22,6 +27,25 @@ void push(Points& points, const glm::vec3& p) {
 }
 
 }  // namespace
+
+int step_scale(const TileSections& sections) {
+  // The squared distance of a section's middle from the centre, on an octahedron of radius 1.
+  const auto squared = [](const Section& section) {
+    glm::dvec3 sum{};
+    for (const LocalPoint corner : {LocalPoint{0, 0}, LocalPoint{1, 0}, LocalPoint{0, 1}}) {
+      const LatticeVertex v = vertex_at(section, corner, 1);
+      sum += glm::dvec3(v.i, v.j, v.k);
+    }
+    const double radius = std::abs(sum.x) + std::abs(sum.y) + std::abs(sum.z);
+    return glm::dot(sum, sum) / (radius * radius);
+  };
+  const double q = squared(sections.entry) * squared(sections.exit);
+  const double limit = kScaleAtAxes * (q * q * q);
+  int scale = 1;
+  const auto fourth = [](double x) { return x * x * x * x; };
+  while (fourth(2 * scale + 1) <= limit) ++scale;
+  return scale;
+}
 
 TilePredictor::TilePredictor(const LevelGeometry& coarser, const LevelGeometry& finer,
                              const TileSections& sections, const References& references)
@@ -89,7 +113,7 @@ std::vector<std::uint32_t> TilePredictor::uses(std::span<const std::uint8_t> alp
   return uses;
 }
 
-void TilePredictor::predict(std::span<const ReferenceTile> from,
+void TilePredictor::predict(std::span<const ReferenceTile> from, bool four_taps,
                             PredictedSamples& predicted) const {
   const std::size_t samples = references_.rows.size() * columns_;
   predicted.alpha.resize(samples), predicted.depth.resize(samples);
@@ -101,9 +125,12 @@ void TilePredictor::predict(std::span<const ReferenceTile> from,
   auto& finer_depth = per_thread<std::vector<std::uint8_t>>([] {});
   auto& color = per_thread<std::vector<std::uint32_t>>([] {});
   auto& finer_color = per_thread<std::vector<std::uint32_t>>([] {});
+  auto& spread_color = per_thread<std::vector<std::uint32_t>>([] {});
   for (auto* bytes : {&alpha, &depth, &finer_alpha, &finer_depth})
     bytes->resize(columns_ + kPadding);
-  for (auto* colors : {&color, &finer_color}) colors->resize(columns_ + kPadding);
+  color.resize(columns_ + kPadding), finer_color.resize(columns_ + kPadding);
+  const std::size_t line = upsample_stride(side_);
+  spread_color.assign(line * (side_ / 2 + 4) + kPadding, 0);
   const auto upsample = [&](unsigned to) {
     upsample_columns(side_ / to, alpha.data(), depth.data(), finer_alpha.data(),
                      finer_depth.data());
@@ -128,7 +155,11 @@ void TilePredictor::predict(std::span<const ReferenceTile> from,
     }
     if (stride_ == 2) {
       upsample(1);
-      upsample_colors(side_, color.data(), finer_color.data());
+      std::uint32_t* const spread = &spread_color[line + 1];
+      const std::uint32_t* from = color.data();
+      for (std::size_t q = 0, length = side_ / 2 + 1; length > 0; ++q, from += length--)
+        std::copy_n(from, length, spread + q * line);
+      upsample_colors(side_, four_taps, spread, finer_color.data());
       color.swap(finer_color);
     }
     std::copy_n(alpha.data(), columns_, predicted.alpha.data() + k * columns_);

@@ -25,6 +25,11 @@ struct PredictedSamples {
   [[nodiscard]] codec::Prediction view() const { return {alpha, depth, color}; }
 };
 
+/// The scale of a tile's quantisation steps (codec::Predicted). Lattices are denser near the axes;
+/// there, more rays share the same lines, so each may be coarser or finer: the steps of tiles go
+/// with the root of the area for each ray.
+[[nodiscard]] int step_scale(const TileSections& sections);
+
 /// Rays are looked up to every other column, at depths that are found at every eighth; between
 /// these, they are interpolated (FORMAT.md, "Prediction").
 class TilePredictor {
@@ -39,8 +44,10 @@ class TilePredictor {
   [[nodiscard]] std::vector<std::uint32_t> uses(std::span<const std::uint8_t> alpha,
                                                 std::span<const std::uint8_t> depth) const;
 
-  /// `from` are the candidates' samples, in the order of Candidates.
-  void predict(std::span<const ReferenceTile> from, PredictedSamples& predicted) const;
+  /// `from` are the candidates' samples, in the order of Candidates. `four_taps`: of colours
+  /// between columns that are looked up (Codec::four_taps()).
+  void predict(std::span<const ReferenceTile> from, bool four_taps,
+               PredictedSamples& predicted) const;
 
  private:
   [[nodiscard]] PredictedRow row(std::size_t index, std::span<const ReferenceTile> from) const;

@@ -13,6 +13,7 @@
 #include "field/geometry/tile_order.h"
 #include "field/write/shard_plan.h"
 #include "field/write/tile_tracer.h"
+#include "field/write/train_codec.h"
 #include "field/write/write_tiles.h"
 
 namespace slf {
@@ -231,9 +232,10 @@ Result<BuildReport> build(std::span<const FieldState> states, const std::string&
   const auto geometries = [&](unsigned level) -> const LevelGeometry& {
     return tracer.geometry(level);
   };
-  const auto codec = SLF_TRY(earlier   ? Result<CodecPointer>(std::move(earlier->codec))
-                             : coarser ? codec_of(*coarser)
-                                       : train_codec(tracer, geometries, manifest, go_on));
+  const auto codec =
+      SLF_TRY(earlier   ? Result<CodecPointer>(std::move(earlier->codec))
+              : coarser ? codec_of(*coarser)
+                        : train_codec(tracer, geometries, manifest, budget.threads, go_on));
   // Light is kept in the file from its first commit on.
   auto writer = SLF_TRY(!earlier   ? FieldWriter::create(output, FieldWriter::Draft::keep, manifest,
                                                          codec->tables(), light)

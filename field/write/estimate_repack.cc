@@ -113,7 +113,8 @@ Result<RepackEstimate> estimate_repack(const Field& handle, const RepackOptions&
   for (unsigned level = 0; !plan.copy && level <= shape.levels; ++level)
     work.total += std::min(kSample, shape.tiles(level));
   Reporter reporter(progress, work, "estimate interrupted");
-  const auto codec = SLF_TRY(plan.codec([&] { return reporter.go_on(); }));
+  const auto codec =
+      SLF_TRY(plan.codec(thread_count(options.threads), [&] { return reporter.go_on(); }));
   const TileCoder coder(shape, plan.manifest.format, *codec, plan.geometries());
 
   Estimate total;

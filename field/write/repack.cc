@@ -56,7 +56,7 @@ Result<RepackReport> repack(std::span<const StateSource> states, const std::stri
                     inputs.front() + ": repack interrupted; nothing was written");
   const GoOn go_on = [&] { return reporter.go_on(); };
   SLF_TRY(reporter.add(0));
-  const auto codec = SLF_TRY(plan.codec(go_on));
+  const auto codec = SLF_TRY(plan.codec(budget.threads, go_on));
   auto writer = SLF_TRY(FieldWriter::create(output, FieldWriter::Draft::discard, manifest,
                                             codec->tables(), plan.light));
   const TileCoder coder(manifest.shape, manifest.format, *codec, plan.geometries(),

@@ -77,9 +77,9 @@ TileCoder::Geometries RepackPlan::geometries() const {
   return [&first = first](unsigned level) -> const LevelGeometry& { return first.geometry(level); };
 }
 
-Result<std::unique_ptr<codec::Codec>> RepackPlan::codec(const GoOn& go_on) const {
+Result<std::unique_ptr<codec::Codec>> RepackPlan::codec(unsigned threads, const GoOn& go_on) const {
   if (copy) return codec::make_codec(manifest.codec, manifest.format, first.codec().tables());
-  return train_codec(*source, geometries(), manifest, go_on);
+  return train_codec(*source, geometries(), manifest, threads, go_on);
 }
 
 Result<RepackPlan> plan_repack(std::span<const StateSource> states, const RepackOptions& options,

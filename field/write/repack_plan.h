@@ -4,7 +4,7 @@
 #include <memory>
 
 #include "field/manifest.h"
-#include "field/write/tile_source.h"
+#include "field/write/train_codec.h"
 #include "slf/repack.h"
 
 namespace slf {
@@ -18,7 +18,8 @@ struct RepackPlan {
 
   [[nodiscard]] TileCoder::Geometries geometries() const;
   /// The codec of the copy. Errors of train_codec().
-  [[nodiscard]] Result<std::unique_ptr<codec::Codec>> codec(const GoOn& go_on) const;
+  [[nodiscard]] Result<std::unique_ptr<codec::Codec>> codec(unsigned threads,
+                                                            const GoOn& go_on) const;
 };
 
 /// Plans a repack of a state, or of several to one field. They must outlive the plan. `memory`:

@@ -3,7 +3,6 @@
 #include <algorithm>
 
 #include "base/half.h"
-#include "base/mix.h"
 #include "base/try.h"
 #include "field/field_file.h"
 #include "field/tiles/tile_cache.h"
@@ -12,8 +11,6 @@ namespace slf {
 namespace {
 
 using storage::TileState;
-
-constexpr std::size_t kTrainingTries = 256;
 
 /// Converts colours, and appends them. Premultiplied colours of 8 bits are clamped to alpha.
 void append_colors(ByteSpan in, bool from_half, bool to_half, Bytes& out) {
@@ -89,30 +86,6 @@ TileReader DecodedTiles::reader(std::uint64_t state) const {
   if (!kept || kept->first != state)
     kept.emplace(state, TileReader(states_[state].field, {.memory = memory_ / count}));
   return kept->second;
-}
-
-Result<std::unique_ptr<codec::Codec>> train_codec(const TileSource& source,
-                                                  const TileCoder::Geometries& geometries,
-                                                  const Manifest& manifest, const GoOn& go_on) {
-  const FieldShape& shape = manifest.shape;
-  const TileOrder order(one_state(shape));
-  const NumberRange finest = order.level(shape.levels);
-  const std::size_t wanted = codec::needs_training(manifest.codec) ? codec::kTrainingTiles : 0;
-  std::vector<SourceTile> sample;
-  for (std::uint64_t t = 0;; ++t) {
-    if (!go_on()) return fail(ErrorCode::cancelled, "interrupted; nothing was written");
-    if (t == kTrainingTries || sample.size() == wanted) break;
-    SourceTile tile;
-    SLF_TRY(source.tile(order.key(finest.begin + mix(t) % finest.count()), tile));
-    if (tile.ref.state == TileState::stored) sample.push_back(std::move(tile));
-  }
-  std::vector<codec::TrainingTile> tiles;
-  for (const SourceTile& tile : sample) {
-    const auto sections = sections_of(tile.ref.key, shape.entry_extra_levels);
-    tiles.push_back(
-        {geometries(shape.levels).tile(sections.entry.index, manifest.format), tile.samples});
-  }
-  return codec::train_codec(manifest.codec, manifest.format, tiles, shape.levels);
 }
 
 }  // namespace slf

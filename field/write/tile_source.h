@@ -16,7 +16,6 @@
 #include <utility>
 #include <vector>
 
-#include "base/go_on.h"
 #include "field/manifest.h"
 #include "field/tile_coder.h"
 #include "slf/repack.h"
@@ -81,12 +80,5 @@ class DecodedTiles final : public TileSource {
   /// have begun the next one.
   mutable std::array<std::optional<std::pair<std::uint64_t, TileReader>>, 2> readers_;
 };
-
-/// The codec of a new field. Its shared tables are fitted to a few tiles of the finest level,
-/// spread over it, if they depend on tiles. cancelled: stopped by `go_on`, which is asked at least
-/// once.
-[[nodiscard]] Result<std::unique_ptr<codec::Codec>> train_codec(
-    const TileSource& source, const TileCoder::Geometries& geometries, const Manifest& manifest,
-    const GoOn& go_on);
 
 }  // namespace slf

@@ -62,12 +62,13 @@ struct Coded {
 
 /// Whether the payload is accepted.
 bool decode(const PredictiveLevel& level, const TileShape& tile, const Scene& scene,
-            ByteSpan payload, Coded& out, std::vector<std::uint8_t>* used = nullptr) {
+            ByteSpan payload, Coded& out, std::vector<std::uint8_t>* used = nullptr,
+            int scale = kPlainScale) {
   out = {{},
          std::vector<std::uint8_t>(scene.depth.size()),
          std::vector<std::uint32_t>(scene.rgba.size())};
   const TilePicture picture(tile);
-  PredictiveDecoder decoder(level, picture, payload);
+  PredictiveDecoder decoder(level, scale, picture, payload);
   std::vector<std::uint8_t> flags(scene.kinds.size());
   decoder.references(scene.kinds, flags);
   if (used) *used = flags;
@@ -77,16 +78,17 @@ bool decode(const PredictiveLevel& level, const TileShape& tile, const Scene& sc
 }
 
 /// The payload, and what it decodes to.
-Coded encode(const PredictiveLevel& level, const TileShape& tile, const Scene& scene) {
+Coded encode(const PredictiveLevel& level, const TileShape& tile, const Scene& scene,
+             int scale = kPlainScale) {
   const TilePicture picture(tile);
   Bytes payload;
-  PredictiveEncoder encoder(level, picture, payload);
+  PredictiveEncoder encoder(level, scale, picture, payload);
   encoder.references(scene.kinds, scene.used);
   encoder.encode({scene.predicted_alpha, scene.predicted_depth, scene.predicted}, scene.depth,
                  scene.rgba);
   Coded coded;
   std::vector<std::uint8_t> used;
-  EXPECT_TRUE(decode(level, tile, scene, payload, coded, &used));
+  EXPECT_TRUE(decode(level, tile, scene, payload, coded, &used, scale));
   EXPECT_EQ(used, scene.used);
   coded.payload = std::move(payload);
   return coded;
@@ -258,8 +260,63 @@ TEST(PredictiveTables, DamageIsRefused) {
   const auto refused = parse_predictive_tables(older);
   ASSERT_FALSE(refused);
   EXPECT_NE(refused.error().message.find("before"), std::string::npos) << refused.error().message;
+  Bytes newer = bytes;
+  newer[0] = std::byte{4};
+  EXPECT_FALSE(parse_predictive_tables(newer));
   bytes[2] = bytes[3] = std::byte{0};  // a step
   EXPECT_FALSE(parse_predictive_tables(bytes));
+}
+
+TEST(PredictiveTables, ColorMatricesThatAreOfNoUseAreRefused) {
+  const auto accepted = [](const ColorMatrix& matrix) {
+    PredictiveTables tables = predictive_tables({77}, 3);
+    for (PredictiveLevel& level : tables.levels) level.matrix = matrix;
+    const auto parsed = parse_predictive_tables(to_bytes(tables));
+    if (parsed) {
+      EXPECT_EQ(parsed->level(2).matrix, matrix);
+    }
+    return parsed.has_value();
+  };
+  EXPECT_TRUE(accepted(kYcbcr));
+  EXPECT_TRUE(accepted({256, 0, 0, 0, 256, 0, 0, 0, 256}));
+  EXPECT_TRUE(accepted({-1024, 0, 0, 0, 1024, 0, 0, 0, 1024}));
+  EXPECT_FALSE(accepted({}));
+  EXPECT_FALSE(accepted({255, 0, 0, 0, 256, 0, 0, 0, 256}));
+  EXPECT_FALSE(accepted({256, 256, 0, 256, 256, 0, 0, 0, 256}));
+  EXPECT_FALSE(accepted({1025, 0, 0, 0, 1024, 0, 0, 0, 1024}));
+  EXPECT_FALSE(accepted({-32768, 0, 0, 0, 1024, 0, 0, 0, 1024}));
+}
+
+/// Tables of releases up to 0.3 have no matrix.
+TEST(PredictiveTables, ThoseOfVersion2AreRead) {
+  PredictiveTables tables = predictive_tables({77}, 3);
+  tables.plain = true;
+  const Bytes bytes = to_bytes(tables);
+  EXPECT_EQ(bytes[0], std::byte{2});
+  EXPECT_EQ(bytes.size() + 18, to_bytes(predictive_tables({77}, 3)).size());
+  const auto back = parse_predictive_tables(bytes);
+  ASSERT_TRUE(back);
+  EXPECT_TRUE(back->plain);
+  EXPECT_EQ(back->level(1).matrix, kYcbcr);
+  EXPECT_EQ(to_bytes(*back), bytes);
+}
+
+TEST(Predictive, ScaledStepsAreLimited) {
+  const SampleTile sample = shape(7, 32);
+  const Scene scene = make_scene(sample.tile, true, 1, 9);
+  PredictiveLevel level = predictive_tables({90}, 1).level(1);
+  std::size_t bytes = ~std::size_t{0};
+  for (const int scale : {1, 5, 16, 40, 255}) {
+    const std::size_t size = encode(level, sample.tile, scene, scale).payload.size();
+    EXPECT_LT(size, bytes) << scale;
+    bytes = size;
+  }
+  level.steps.fill({65535, 65535});
+  EXPECT_EQ(level.steps_of(kYPlane, 255)[0], 65535);
+  EXPECT_EQ(level.steps_of(kYPlane, 8)[63], 32768);
+  level.steps.fill({1, 1});
+  EXPECT_EQ(level.steps_of(kYPlane, 1)[0], 1);
+  (void)encode(level, sample.tile, scene, 255);
 }
 
 /// Where tiles are coded sample by sample, there are no models of blocks to store.

@@ -6,7 +6,7 @@
 #include <random>
 #include <span>
 
-#include "benchmarks/predictive_weights.h"
+#include "codec/predictive_training.h"
 
 namespace slf::codec {
 namespace {
@@ -87,7 +87,7 @@ TEST(SymbolModel, FrequenciesAddUpAndNoneIsZero) {
 TEST(SymbolModel, StoredWeightsAreNearTheCounts) {
   const std::vector<double> counts{1, 10, 100, 1000, 400};
   std::vector<std::uint8_t> weights(counts.size());
-  bench::store_weights(counts, weights);
+  store_weights(counts, weights);
   const SymbolModel model(weights);
   for (std::uint32_t k = 0; k < counts.size(); ++k)
     EXPECT_NEAR(model.frequency(k), 4096 * counts[k] / 1511, 2 + 4096 * counts[k] / 1511 / 8) << k;

@@ -108,6 +108,7 @@ class PredictTest : public ::testing::TestWithParam<std::uint32_t> {
   std::size_t columns = triangle_size(shape.exit_side);
   std::size_t samples = references.rows.size() * columns;
 
+  void check_predictions(bool four_taps) const;
   Vec leave(LocalPoint local) const {
     return vec(exact_direction(vertex_at(sections.exit, local, shape.exit_side)));
   }
@@ -135,23 +136,37 @@ Shown between(const Shown& a, const Shown& b) {
 using Columns = std::map<std::pair<int, int>, Shown>;
 
 /// From columns `stride` apart to those half as far apart.
-Columns upsample(const Columns& coarse, int side, int stride) {
+Columns upsample(const Columns& coarse, int side, int stride, bool four_taps = false) {
   Columns fine = coarse;
   const int half = stride / 2;
+  // Between (p - dp, q - dq) and (p + dp, q + dq).
+  const auto middle = [&](int p, int q, int dp, int dq) {
+    const auto at = [&](int steps) {
+      const auto found = coarse.find({p + steps * dp, q + steps * dq});
+      return found == coarse.end() ? Shown() : found->second;
+    };
+    Shown to = between(at(-1), at(1));
+    const bool all = at(-3).seen && at(-1).seen && at(1).seen && at(3).seen;
+    for (std::size_t c = 0; c < 3 && all && four_taps; ++c) {
+      const auto of = [&](int steps) { return at(steps).color[c]; };
+      to.color[c] = std::clamp((9 * (of(-1) + of(1)) - of(-3) - of(3) + 8) >> 4, 0, 255);
+    }
+    return to;
+  };
   for (int q = 0; q <= side; q += half)
     for (int p = 0; p + q <= side; p += half) {
       const bool odd_p = p % stride != 0, odd_q = q % stride != 0;
       if (odd_p && odd_q)
-        fine[{p, q}] = between(coarse.at({p + half, q - half}), coarse.at({p - half, q + half}));
+        fine[{p, q}] = middle(p, q, -half, half);
       else if (odd_p)
-        fine[{p, q}] = between(coarse.at({p - half, q}), coarse.at({p + half, q}));
+        fine[{p, q}] = middle(p, q, half, 0);
       else if (odd_q)
-        fine[{p, q}] = between(coarse.at({p, q - half}), coarse.at({p, q + half}));
+        fine[{p, q}] = middle(p, q, 0, half);
     }
   return fine;
 }
 
-TEST_P(PredictTest, PredictionsAreAsDefinedOnEveryInstructionSet) {
+void PredictTest::check_predictions(bool four_taps) const {
   const Level level = random_level(coarser, references, 1);
   const int side = static_cast<int>(shape.exit_side);
   const int stride = side % 2 == 0 ? 2 : 1;
@@ -220,11 +235,11 @@ TEST_P(PredictTest, PredictionsAreAsDefinedOnEveryInstructionSet) {
         else
           shown.color = last;
       }
-    expected.push_back(stride == 2 ? upsample(found, side, 2) : found);
+    expected.push_back(stride == 2 ? upsample(found, side, 2, four_taps) : found);
   }
   testing::with_each_instruction_set([&](const char* set) {
     PredictedSamples predicted;
-    predictor.predict(level.from, predicted);
+    predictor.predict(level.from, four_taps, predicted);
     const auto& [alpha, depth, color] = predicted;
     ASSERT_EQ(color.size(), samples);
     std::size_t s = 0;
@@ -242,6 +257,9 @@ TEST_P(PredictTest, PredictionsAreAsDefinedOnEveryInstructionSet) {
   });
 }
 
+TEST_P(PredictTest, PredictionsAreAsDefinedOnEveryInstructionSet) { check_predictions(false); }
+TEST_P(PredictTest, PredictionsOfFourTapsAre) { check_predictions(true); }
+
 TEST_P(PredictTest, UsesCountTheLookUpsOfVisibleSamples) {
   std::vector<std::uint8_t> alpha(samples, 255), depth(samples, 40);
   const auto uses = predictor.uses(alpha, depth);
@@ -256,6 +274,31 @@ TEST_P(PredictTest, UsesCountTheLookUpsOfVisibleSamples) {
 }
 
 INSTANTIATE_TEST_SUITE_P(ExitSides, PredictTest, ::testing::Values(1u, 5u, 8u, 32u));
+
+TEST(StepScale, IsAsDefinedAndGrowsTowardsTheAxes) {
+  for (const std::uint8_t level : {1, 2, 5})
+    for (const std::uint32_t entry : {0u, 1u, 5u, 31u, 8191u})
+      for (const std::uint32_t exit : {0u, 3u, 6u, 31u}) {
+        const auto count = static_cast<std::uint32_t>(section_count(level));
+        const TileSections sections{{level, entry % count}, {level, exit}};
+        const auto squared = [](const Section& section) {
+          glm::dvec3 sum(0.0);
+          for (const LocalPoint corner : {LocalPoint{0, 0}, LocalPoint{1, 0}, LocalPoint{0, 1}}) {
+            const LatticeVertex v = vertex_at(section, corner, 1);
+            sum += glm::dvec3(std::abs(v.i), std::abs(v.j), std::abs(v.k)) /
+                   (3.0 * (1 << section.level));
+          }
+          EXPECT_NEAR(sum.x + sum.y + sum.z, 1, 1e-12);
+          return glm::dot(sum, sum);
+        };
+        const double q = squared(sections.entry) * squared(sections.exit);
+        EXPECT_NEAR(step_scale(sections), 16 * 3.58 * std::pow(q, 0.75), 0.51)
+            << int{level} << " " << entry << " " << exit;
+      }
+  const Section axis{5, 0}, middle{5, 0x3FF};
+  EXPECT_EQ(step_scale({axis, axis}), 54);
+  EXPECT_EQ(step_scale({middle, middle}), 11);
+}
 
 TEST(References, AreTheVertexItselfOrItsTwoNeighbours) {
   const FieldShape shape{{}, 4, 8, 2, 0, {}};
