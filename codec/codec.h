@@ -50,10 +50,6 @@ class Codec {
   /// ignore predictions.
   [[nodiscard]] virtual bool predicts() const { return false; }
 
-  /// Whether it expects colours halfway between predicted columns from four of these, not two
-  /// (FORMAT.md, "Prediction").
-  [[nodiscard]] virtual bool four_taps() const { return false; }
-
   /// Predicted::used of a payload, untrusted, for a tile of this level with candidates of these
   /// kinds. Empty if the codec does not predict.
   [[nodiscard]] virtual std::vector<std::uint8_t> references(
@@ -86,6 +82,10 @@ class Codec {
   [[nodiscard]] virtual Result<void> decode(const TileShape& tile, ByteSpan payload,
                                             const Predicted* predicted,
                                             std::span<std::byte> samples) const = 0;
+
+  /// Whether it expects colours halfway between predicted columns from four of these, not two
+  /// (FORMAT.md, "Prediction").
+  [[nodiscard]] virtual bool four_taps() const { return false; }
 };
 
 /// Whether a codec of this specification predicts.

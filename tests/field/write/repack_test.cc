@@ -5,7 +5,7 @@
 #include <cmath>
 
 #include "field/field_file.h"
-#include "field/write/tile_source.h"
+#include "field/write/train_codec.h"
 #include "slf/render.h"
 #include "slf/verify.h"
 #include "storage/tile_writer.h"
@@ -144,7 +144,7 @@ TEST_F(Repack, NoTileIsReadForTablesThatDoNotDependOnTiles) {
     const auto geometries = [&](unsigned level) -> const LevelGeometry& {
       return field.geometry(level);
     };
-    EXPECT_TRUE(train_codec(tiles, geometries, manifest, [] { return true; }));
+    EXPECT_TRUE(train_codec(tiles, geometries, manifest, 1, [] { return true; }));
     return tiles.count;
   };
   EXPECT_EQ(reads("raw"), 0u);

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include "codec/predictive_tables.h"
+#include "field/write/tile_tracer.h"
 #include "tests/field/field_testing.h"
 
 namespace slf {
@@ -16,8 +17,15 @@ class TrainCodec : public ::testing::Test {
     manifest.format = SampleFormat::rgba8_depth8;
     manifest.codec = "predictive:85";
   }
-  [[nodiscard]] Result<std::unique_ptr<codec::Codec>> train(unsigned threads) const {
-    return train_codec(TileTracer(*scene, manifest), manifest, threads, [] { return true; });
+  [[nodiscard]] Result<std::unique_ptr<codec::Codec>> train(
+      unsigned threads, const GoOn& go_on = [] { return true; }) const {
+    std::vector<LevelGeometry> levels;
+    for (unsigned level = 0; level <= manifest.shape.levels; ++level)
+      levels.emplace_back(manifest.shape, level);
+    return train_codec(
+        TileTracer(*scene, manifest),
+        [&](unsigned level) -> const LevelGeometry& { return levels[level]; }, manifest, threads,
+        go_on);
   }
   [[nodiscard]] codec::ColorMatrix matrix() const {
     const auto trained = train(2);
@@ -49,8 +57,7 @@ TEST_F(TrainCodec, FitsFieldsOfSomeSubfields) {
 
 TEST_F(TrainCodec, StopsWhenAsked) {
   int asked = 0;
-  const auto stopped =
-      train_codec(TileTracer(*scene, manifest), manifest, 2, [&] { return ++asked < 3; });
+  const auto stopped = train(2, [&] { return ++asked < 3; });
   ASSERT_FALSE(stopped);
   EXPECT_EQ(stopped.error().code, ErrorCode::cancelled);
   EXPECT_EQ(asked, 3);
