@@ -18,7 +18,8 @@ Result<void> run_build(const BuildArguments& arguments) {
   SourceArguments source = arguments.source;
   BuildOptions& options = source.field;
   bound_freed_memory(options.memory);
-  const auto shard = options.shard = SLF_TRY(arguments.shard.options());
+  const auto shard = SLF_TRY(arguments.shard.options());
+  options.shard = shard;
   const std::string output = name_of_part(arguments.output, shard);
   source.check = [&](std::vector<std::string> inputs) {
     inputs.insert(inputs.end(), {arguments.source.input, arguments.source.states_file});

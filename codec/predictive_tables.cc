@@ -238,8 +238,8 @@ Result<PredictiveTables> parse_predictive_tables(ByteSpan bytes) {
     return bad_file(kTables, "a colour matrix that cannot be inverted");
   const ByteSpan packed = bytes.subspan(models_at);
   tables.models.assign(packed.begin(), packed.end());
-  const auto shared =
-      std::make_shared<PredictiveModels>(make_models(SLF_TRY(StoredModels::unpack(packed))));
+  const auto stored = SLF_TRY(StoredModels::unpack(packed));
+  const auto shared = std::make_shared<PredictiveModels>(make_models(stored));
   for (std::size_t level = 0; level < levels; ++level) {
     PredictiveLevel& read = tables.levels.emplace_back();
     for (std::size_t plane = 0; plane < kPlanesWithSteps; ++plane) {
