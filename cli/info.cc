@@ -45,7 +45,8 @@ nlohmann::json recipe_json(const Field& field) {
                  {"color_type", is_half(field.format()) ? "half" : "u8"}});
   if (recipe.contains("each_label") || recipe.contains("each_time")) return recipe;
   for (std::size_t k = 0; k < states.size(); ++k) {
-    nlohmann::json own = recipe_of(*field.in_state(static_cast<unsigned>(k))), state;
+    const nlohmann::json own = recipe_of(*field.in_state(static_cast<unsigned>(k)));
+    nlohmann::json state = nlohmann::json::object();
     for (const auto& [option, value] : common.items())
       if (!own.contains(option)) state[option] = nullptr;
     for (const auto& [option, value] : own.items())

@@ -208,6 +208,9 @@ nlohmann::json json_of(const py::handle& value) {
   return json;
 }
 
+/// What a transfer function raised in this thread, which make() throws as it was.
+thread_local std::optional<py::error_already_set> raised;
+
 /// Sets an option, also to what JSON has not: a volume in memory, or a function from (low, high,
 /// spacing) of a volume to the JSON of a transfer function.
 void set(Recipe& recipe, const std::string& name, const py::object& value) {
@@ -218,13 +221,18 @@ void set(Recipe& recipe, const std::string& name, const py::object& value) {
     (name == "mask" ? recipe.mask : recipe.labels_volume).volume = value.cast<VolumeHandle>();
     recipe.stated.insert(name);
   } else if (py::isinstance<py::function>(value)) {
-    recipe.make_transfer = [fn = py::function(value)](const Volume& v) {
+    recipe.make_transfer = [fn = py::function(value)](const Volume& v) -> Result<TransferFunction> {
       const py::gil_scoped_acquire acquire;
-      const auto [low, high] = v.value_range();
-      const glm::dvec3 spacing = v.spacing();
-      return parse_transfer(
-          fn(low, high, std::min({spacing.x, spacing.y, spacing.z})).cast<std::string>(),
-          "transfer");
+      try {
+        const auto [low, high] = v.value_range();
+        const glm::dvec3 spacing = v.spacing();
+        return parse_transfer(
+            fn(low, high, std::min({spacing.x, spacing.y, spacing.z})).cast<std::string>(),
+            "transfer");
+      } catch (py::error_already_set& error) {
+        raised.emplace(error);
+        return fail(ErrorCode::failed, "the transfer function raised");
+      }
     };
     recipe.stated.insert(name);
   } else {
@@ -257,6 +265,7 @@ std::vector<std::pair<Text, SceneHandle>> make(const Recipe& given, StateScenes*
     SLF_TRY(states->add(name, recipe, light_from));
     return std::vector{states->scenes().back()};
   });
+  if (raised) throw *std::exchange(raised, std::nullopt);
   if (!result && result.error().choice && recipe::find(result.error().choice))
     result.error().message.append("; see the setting ").append(result.error().choice);
   auto made = value_of(std::move(result), recipe.input);

@@ -201,18 +201,22 @@ namespace slf {
 std::string transforms_json(const std::vector<Picture>& pictures, const std::string& folder) {
   using Json = nlohmann::ordered_json;
   namespace fs = std::filesystem;
-  Json root;
+  Json root = Json::object();  // a null value would be left broken where memory ends
   root["frames"] = Json::array();
   for (const Picture& picture : pictures) {
     const auto row = [&](int r) {
-      return Json{picture.axes[0][r], -picture.axes[1][r], -picture.axes[2][r], picture.eye[r]};
+      Json numbers = Json::array();
+      for (const double number :
+           {picture.axes[0][r], -picture.axes[1][r], -picture.axes[2][r], picture.eye[r]})
+        numbers.push_back(number);
+      return numbers;
     };
     const auto relative = [&](const std::string& path) {
       const std::string shorter = fs::path(path).lexically_relative(folder).string();
       return shorter.empty() || shorter.starts_with("..") ? path : shorter;
     };
     const Lens& lens = picture.lens;
-    Json frame;
+    Json frame = Json::object();
     frame["file_path"] = picture.file.empty() ? picture.name : relative(picture.file);
     if (!picture.mask.empty()) frame["mask_path"] = relative(picture.mask);
     if (!picture.depth.empty()) frame["depth_file_path"] = relative(picture.depth);
@@ -225,7 +229,9 @@ std::string transforms_json(const std::vector<Picture>& pictures, const std::str
       if (lens.k[k] != 0) frame[names[k]] = lens.k[k];
     if (lens.p[0] != 0) frame["p1"] = lens.p[0];
     if (lens.p[1] != 0) frame["p2"] = lens.p[1];
-    frame["transform_matrix"] = {row(0), row(1), row(2), {0, 0, 0, 1}};
+    Json& matrix = frame["transform_matrix"] = Json::array();
+    for (int r = 0; r < 3; ++r) matrix.push_back(row(r));
+    matrix.push_back({0, 0, 0, 1});
     root["frames"].push_back(std::move(frame));
   }
   return root.dump(1, ' ', false, Json::error_handler_t::replace) + "\n";

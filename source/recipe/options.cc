@@ -66,7 +66,7 @@ json value_of(const ClipPlane& plane) {
   return {p.x, p.y, p.z, n.x, n.y, n.z};
 }
 json value_of(const VoxelBox& box) {
-  json value;
+  json value = json::array();
   for (std::size_t k = 0; k < 3; ++k)
     value.push_back({box.begin[k], box.end[k] == 0 ? json() : json(box.end[k])});
   return value;
@@ -85,7 +85,8 @@ json value_of(const std::array<T, N>& values) {
 }
 template <class T>
 json value_of(const std::vector<T>& values) {
-  json list;
+  if (values.empty()) return {};
+  json list = json::array();
   for (const T& one : values) list.push_back(value_of(one));
   return list;
 }
