@@ -154,7 +154,7 @@ struct FinestSteps {
     color = quality > 90 ? 50 * scale : 1.7 + 40 * scale;
     // Colours make up for errors of alpha, but over a bright background these are visible.
     alpha = color + std::min(color, 5.);
-    depth = quality > 90 ? 64 * scale : 6.4 + 32 * scale;
+    depth = quality > 90 ? 80 * scale : 8 + 40 * scale;
   }
 };
 
@@ -193,7 +193,7 @@ PredictiveTables predictive_tables(const PredictiveSettings& settings, unsigned 
     else if (settings.by_sample())
       // Half floats are in 1/1024 of an octave. Without a transform, smaller steps give about the
       // same error.
-      made.steps = {step_range(1, 1), step_range(depth / 2.4, 1), step_range(6 * color, 1),
+      made.steps = {step_range(1, 1), step_range(depth / 3, 1), step_range(6 * color, 1),
                     step_range(6 * color, 1)};
     else
       made.steps = {step_range(alpha, 2), step_range(depth, 2), step_range(color, 1.5),
