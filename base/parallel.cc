@@ -6,7 +6,6 @@
 #include <new>
 #include <system_error>
 
-
 namespace slf {
 namespace {
 

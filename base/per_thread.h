@@ -1,5 +1,5 @@
-// per_thread(): an object of each thread. Unlike a thread_local one it throws where memory is short:
-// glibc ends the program if it cannot note the destructor of that.
+// per_thread(): an object of each thread. Unlike a thread_local one it throws where memory is
+// short: glibc ends the program if it cannot note the destructor of that.
 #pragma once
 
 #ifndef __wasm__

@@ -6,6 +6,7 @@
 #include "base/byte_count.h"
 #include "base/file.h"
 #include "cli/command.h"
+#include "source/recipe/options.h"
 
 namespace slf::cli {
 namespace {
@@ -54,8 +55,8 @@ CLI::Validator above(double low, double high) {
 
 const CLI::Validator kNotNegative =
     number([](double v) { return v >= 0 && std::isfinite(v); }, "0 or more");
-const CLI::Validator kLength = from_to(kMinLength, kMaxLength);
-const CLI::Validator kPlace = from_to(-kMaxLength, kMaxLength);
+const CLI::Validator kLength = from_to(recipe::kMinLength, recipe::kMaxLength);
+const CLI::Validator kPlace = from_to(-recipe::kMaxLength, recipe::kMaxLength);
 
 const Choices<RenderMode> kRenderModes{{"nearest", RenderMode::nearest},
                                        {"uv", RenderMode::uv},

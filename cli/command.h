@@ -228,9 +228,6 @@ CLI::Option* choose(CLI::Option* option, const Choices<T>& choices) {
       ->default_str("");
 }
 
-/// Numbers from outside have bounds, so that no product of them overflows and no loop over them
-/// seems endless. Lengths are in units of the world.
-inline constexpr double kMinLength = 1e-12, kMaxLength = 1e12;
 inline constexpr unsigned kMaxThreads = 1024;
 inline constexpr std::int64_t kMaxPixels = 65536;  ///< along a side of a picture
 

@@ -291,8 +291,8 @@ Result<Descriptor> repack_if_requested(const Field& field, std::string output,
   const auto own = nlohmann::json::parse(field.provenance());
   const bool tells = own.contains("content") && own.contains("source") &&
                      own["source"].dump().find('/') != std::string::npos;
-  const bool as_it_is = !drops_light && !field.structures() && options.states.empty() && !repack.levels &&
-                        repack.codec.empty() && repack.depth && !tells;
+  const bool as_it_is = !drops_light && !field.structures() && options.states.empty() &&
+                        !repack.levels && repack.codec.empty() && repack.depth && !tells;
   // In a folder, a field without an index gets one and so becomes larger; a repacked one has it.
   const bool fits = !limited || (one_file && field.file_bytes() <= room);
   if (as_it_is && fits) return check_tiles(field).map([] { return Descriptor(); });

@@ -69,7 +69,8 @@ class Pipeline {
 
   /// Makes the tiles [begin, end) on all threads, and puts them in order.
   Result<void> write(std::uint64_t begin, std::uint64_t end) {
-    const auto& [memory, pending, cache, threads, window, batch] = plan_.budget;
+    const WriteBudget& budget = plan_.budget;
+    const std::uint64_t batch = budget.batch;
     const auto keys = [&](std::uint64_t from, std::uint64_t count) {
       std::vector<TileKey> some;
       for (std::uint64_t k = from; k < std::min(from + count, end); ++k) some.push_back(key(k));
@@ -81,7 +82,7 @@ class Pipeline {
       };
     };
     committed_at_ = Clock::now();
-    const std::uint64_t ahead = window * batch + kPrefetched;
+    const std::uint64_t ahead = budget.window * batch + kPrefetched;
     source_.prefetch(keys(begin, ahead + kPrefetched));
     std::uint64_t next = begin;
     const auto put_all = [&](std::uint64_t, std::vector<MadeTile> made) -> Result<void> {
@@ -92,7 +93,7 @@ class Pipeline {
       return {};
     };
     const std::uint64_t items = (end - begin + batch - 1) / batch;
-    return make_in_order(items, threads, window, new_maker, put_all);
+    return make_in_order(items, budget.threads, budget.window, new_maker, put_all);
   }
 
   Result<std::vector<MadeTile>> make_all(const std::vector<TileKey>& keys, SourceTile& tile) {

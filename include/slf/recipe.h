@@ -61,9 +61,9 @@ struct Recipe {
 
   // Volumes.
   std::shared_ptr<const Volume> volume{};  ///< instead of a file at `input`
-  VolumeOptions reading{};  ///< but for `raw`
-  RawLayout raw{};          ///< dims of 0: the file states its layout
-  std::string transfer{};   ///< for read_transfer(); empty: default_transfer()
+  VolumeOptions reading{};                 ///< but for `raw`
+  RawLayout raw{};                         ///< dims of 0: the file states its layout
+  std::string transfer{};                  ///< for read_transfer(); empty: default_transfer()
   /// Instead of `transfer`: makes the function for the volume that was read.
   std::function<Result<TransferFunction>(const Volume&)> make_transfer{};
   std::optional<std::array<double, 2>> range{};  ///< of values, to stretch the function to
@@ -178,8 +178,7 @@ class StateScenes {
 /// The cameras of pictures. REQUIRES: is_pictures().
 [[nodiscard]] Result<PictureSet> read_pictures(const Recipe& description);
 /// The options of make_picture_scene() for this set.
-[[nodiscard]] PictureSceneOptions picture_options(const Recipe& description,
-                                                  const PictureSet& set);
+[[nodiscard]] PictureSceneOptions picture_options(const Recipe& description, const PictureSet& set);
 
 /// What on_note() says of a volume for which looks_like_labels() holds.
 inline constexpr const char* kLabelsHint =

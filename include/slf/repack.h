@@ -42,9 +42,9 @@ struct RepackReport {
   std::uint64_t memory = 0;  ///< the budget
 };
 
-/// Writes the field, in the state that it shows or composed, to `path`, which must not exist unless `replace`
-/// is set. Progress counts tiles. The bytes depend on the input and the options only, never on the
-/// threads.
+/// Writes the field, in the state that it shows or composed, to `path`, which must not exist unless
+/// `replace` is set. Progress counts tiles. The bytes depend on the input and the options only,
+/// never on the threads.
 ///
 /// If codec and format stay the same, payloads are copied byte for byte, so JPEG to JPEG at the
 /// same quality loses nothing. Lossless to lossless is bit-exact. Colour outside of [0, alpha] is

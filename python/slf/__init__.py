@@ -16,8 +16,8 @@ from ._source import BuildSettings, Settings, SourceSettings
 from ._slf import version as __version__
 from ._types import Camera, Look, Orbit, Picture, Sphere, Tone, orbit
 
-__all__ = ["BadFileError", "BuildSettings", "BusyError", "Camera", "Error", "FailedError", "Field", "IoError",
-           "Look", "NotFoundError", "Orbit", "OutOfMemoryError", "Picture", "Player", "Scene",
-           "Settings", "SourceSettings", "Sphere", "Tone", "UnsupportedError", "UsageError",
-           "build", "build_rays", "diff", "export", "merge", "open", "orbit", "raycast", "repack",
-           "verify"]
+__all__ = ["BadFileError", "BuildSettings", "BusyError", "Camera", "Error", "FailedError",
+           "Field", "IoError", "Look", "NotFoundError", "Orbit", "OutOfMemoryError", "Picture",
+           "Player", "Scene", "Settings", "SourceSettings", "Sphere", "Tone", "UnsupportedError",
+           "UsageError", "build", "build_rays", "diff", "export", "merge", "open", "orbit",
+           "raycast", "repack", "verify"]

@@ -12,12 +12,10 @@ namespace slf {
 /// The names of values, in records of scenes and in recipes.
 template <class T>
 using Named = std::pair<const char*, T>;
-inline constexpr Named<Projection> kProjections[] = {{"mip", Projection::maximum},
-                                                     {"minip", Projection::minimum},
-                                                     {"mean", Projection::mean}};
-inline constexpr Named<Lighting> kLightings[] = {{"direct", Lighting::direct},
-                                                 {"shadowed", Lighting::shadowed},
-                                                 {"global", Lighting::global}};
+inline constexpr Named<Projection> kProjections[] = {
+    {"mip", Projection::maximum}, {"minip", Projection::minimum}, {"mean", Projection::mean}};
+inline constexpr Named<Lighting> kLightings[] = {
+    {"direct", Lighting::direct}, {"shadowed", Lighting::shadowed}, {"global", Lighting::global}};
 inline constexpr Named<ToneCurve> kToneCurves[] = {
     {"neutral", ToneCurve::neutral}, {"srgb", ToneCurve::srgb}, {"none", ToneCurve::none}};
 

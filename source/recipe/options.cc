@@ -161,9 +161,7 @@ Type numbers(const char* shown, unsigned count, double low, double high, char de
 }
 const Type kFile{Form::file, "FILE"}, kBytes{Form::bytes, "SIZE", 0, 0x1p63};
 
-/// Numbers from outside have bounds, so that no product of them overflows and no loop over them
-/// seems endless. Lengths are in units of the world.
-constexpr double kMinLength = 1e-12, kMaxLength = 1e12, kMaxCount = UINT32_MAX;
+constexpr double kMaxCount = UINT32_MAX;
 const Type kPosition = numbers("X,Y,Z", 3, -kMaxLength, kMaxLength);
 
 std::vector<Option> make_options() {

@@ -16,6 +16,10 @@
 
 namespace slf::recipe {
 
+/// Numbers from outside have bounds, so that no product of them overflows and no loop over them
+/// seems endless. Lengths are in units of the world.
+inline constexpr double kMinLength = 1e-12, kMaxLength = 1e12;
+
 /// What the input is; also as a set.
 enum Kind : unsigned { kVolume = 1, kMesh = 2, kPictures = 4, kAnalytic = 8, kAny = 15 };
 [[nodiscard]] Kind kind_of(const Recipe& recipe);

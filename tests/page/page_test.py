@@ -390,6 +390,7 @@ class PageTest(unittest.TestCase):
                 click(label)
             page.run("slf.root.getElementById('all-on').click()")
             page.settle()
+            page.wait("!slf.statistics().busy")  # nothing of all structures is on its way
             self.assertEqual(page.run("slf.statistics().bytes"), loaded)
             # Rays meet other surfaces now, but none of what is hidden.
             page.run("""(() => {
