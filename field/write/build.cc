@@ -174,9 +174,9 @@ Result<Manifest> plan(std::span<const FieldState> states, const BuildOptions& op
   return manifest;
 }
 
-/// Computes the scenes' light, unless an earlier build or another part kept it. Returns it, to be
-/// kept; none if the earlier build has it.
-Result<Bytes> prepare(std::span<const FieldState> states, const EarlierBuild* earlier,
+/// Computes the scenes' light, unless an earlier build or another part kept it. Returns what is to
+/// be kept; none if the earlier build has it.
+Result<Bytes> prepare(std::span<const FieldState> states, bool keep, const EarlierBuild* earlier,
                       const FieldFile* coarser) {
   const Scene& first = *states[0].scene;
   const bool kept = earlier && first.set_light(earlier->light);
@@ -185,7 +185,7 @@ Result<Bytes> prepare(std::span<const FieldState> states, const EarlierBuild* ea
     first.set_light(light);
   }
   for (const FieldState& state : states) SLF_TRY(state.scene->prepare());
-  return kept ? Bytes() : first.light();
+  return keep && !kept ? first.light() : Bytes();
 }
 
 Result<BuildReport> build(std::span<const FieldState> states, const std::string& path,
@@ -228,7 +228,8 @@ Result<BuildReport> build(std::span<const FieldState> states, const std::string&
   Reporter reporter(progress, begin,
                     path + ": interrupted; the same build goes on from here (" + file + ")");
   const GoOn go_on = [&] { return reporter.go_on(); };
-  const auto light = SLF_TRY(prepare(states, earlier ? &*earlier : nullptr, coarser.get()));
+  const auto light = SLF_TRY(
+      prepare(states, options.keep_light, earlier ? &*earlier : nullptr, coarser.get()));
   const auto geometries = [&](unsigned level) -> const LevelGeometry& {
     return tracer.geometry(level);
   };
@@ -236,7 +237,6 @@ Result<BuildReport> build(std::span<const FieldState> states, const std::string&
       SLF_TRY(earlier   ? Result<CodecPointer>(std::move(earlier->codec))
               : coarser ? codec_of(*coarser)
                         : train_codec(tracer, geometries, manifest, budget.threads, go_on));
-  // Light is kept in the file from its first commit on.
   auto writer = SLF_TRY(!earlier   ? FieldWriter::create(output, FieldWriter::Draft::keep, manifest,
                                                          codec->tables(), light)
                         : in_place ? FieldWriter::edit(path, earlier->transaction)

@@ -39,6 +39,7 @@ struct BuildOptions {
   std::string codec = "predictive:90";
   bool depth = true;          ///< depths beside the colours; predictive codecs need them
   bool half = false;          ///< colour as half floats, which jpeg cannot hold
+  bool keep_light = false;    ///< Scene::light() of the first state, from the first commit on
   std::uint64_t memory = 0;   ///< bytes of tiles in progress and records not yet written; 0:
                               ///< 256 MiB, or what the largest tile needs
   unsigned threads = 0;       ///< 0: all

@@ -443,6 +443,10 @@ std::vector<Option> make_options() {
       "color_type", kField, {{"u8", false}, {"half", true}},
       "u8, or half: HDR colour, which JPEG cannot store",
       [](auto& r) -> auto& { return r.field.half; }));
+  add_rare(flag(
+      "keep_light", kStates,
+      "Keep the light volume in the field, so that evaluate and a resumed build need not compute it",
+      [](auto& r) -> auto& { return r.field.keep_light; }));
   add_rare(row(
       "center", kFrame, kPosition,
       "Centre of the sphere in world coordinates; default: around what is visible",

@@ -138,9 +138,9 @@ TEST_F(LightCli, ASkyThatIsNoLightIsRefused) {
 }
 
 TEST_F(LightCli, AResumedBuildKeepsItsLight) {
-  ASSERT_EQ(slf(build("whole.slf")).exit_code, 0);
-  ASSERT_EQ(interrupt(build("a.slf"), "build", 1), SIGINT);
-  const auto resumed = slf(build("a.slf"));
+  ASSERT_EQ(slf(build("whole.slf", {"--keep-light"})).exit_code, 0);
+  ASSERT_EQ(interrupt(build("a.slf", {"--keep-light"}), "build", 1), SIGINT);
+  const auto resumed = slf(build("a.slf", {"--keep-light"}));
   EXPECT_EQ(resumed.exit_code, 0) << resumed.err;
   EXPECT_EQ(resumed.err.find("\"light\""), std::string::npos);
   EXPECT_EQ(place.files(), (std::vector<std::string>{"a.slf", "ball.raw", "t.json", "whole.slf"}));
@@ -156,12 +156,16 @@ TEST_F(LightCli, ACompleteFieldNeedsNoLight) {
   EXPECT_EQ(again.err.find("\"light\""), std::string::npos);
 }
 
-TEST_F(LightCli, AFieldKeepsItsLight) {
-  ASSERT_EQ(slf(build("a.slf")).exit_code, 0);
+TEST_F(LightCli, AFieldKeepsItsLightIfAsked) {
+  ASSERT_EQ(slf(build("a.slf", {"--keep-light"})).exit_code, 0);
   ASSERT_EQ(slf({"repack", place / "a.slf", "-o", place / "same.slf"}).exit_code, 0);
   ASSERT_EQ(slf({"repack", place / "a.slf", "-o", place / "bare.slf", "--no-light"}).exit_code, 0);
   EXPECT_LT(std::filesystem::file_size(place / "bare.slf"),
             std::filesystem::file_size(place / "same.slf"));
+  ASSERT_EQ(slf(build("none.slf")).exit_code, 0);
+  ASSERT_EQ(slf({"repack", place / "none.slf", "-o", place / "none2.slf"}).exit_code, 0);
+  EXPECT_EQ(std::filesystem::file_size(place / "none2.slf"),
+            std::filesystem::file_size(place / "bare.slf"));
   const auto evaluate = [&](const std::string& field) {
     return slf({"--progress", "json:0.01", "evaluate", place / field, "--volume",
                 place / "ball.raw", "--dims", "24x24x24", "--views", "1", "--size", "16",
@@ -193,7 +197,7 @@ TEST_F(LightCli, PlayShowsRadianceAsRenderDoes) {
 }
 
 TEST_F(LightCli, DamagedLightIsFoundAndComputedAgain) {
-  ASSERT_EQ(slf(build("a.slf")).exit_code, 0);
+  ASSERT_EQ(slf(build("a.slf", {"--keep-light"})).exit_code, 0);
   std::string bytes = testing::read_text(place / "a.slf");
   const std::size_t at = bytes.find("SLG2");
   ASSERT_NE(at, std::string::npos);
