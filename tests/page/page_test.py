@@ -392,13 +392,17 @@ class PageTest(unittest.TestCase):
             page.settle()
             page.wait("!slf.statistics().busy")  # nothing of all structures is on its way
             self.assertEqual(page.run("slf.statistics().bytes"), loaded)
-            # Rays meet other surfaces now, but none of what is hidden.
+            # Rays meet other surfaces now, but none of what is hidden, which is read only where
+            # others are predicted from it.
             page.run("""(() => {
-              const {reader} = slf.loader, read = reader.read;
+              const {composer} = slf.loader, {reader} = composer;
               globalThis.states = new Set();
-              reader.read = (pages) => {
-                pages.forEach((page) => states.add(Math.floor(page / slf.field.shape.pages)));
-                return read.call(reader, pages);
+              composer.reader = {
+                read(pages) {
+                  pages.forEach((page) => states.add(Math.floor(page / slf.field.shape.pages)));
+                  return reader.read(pages);
+                },
+                place: (...tile) => reader.place(...tile),
               };
             })()""")
             click("Show right lobe")
