@@ -277,7 +277,6 @@ def main():
     parser.add_argument("--jpeg", help="a JPEG field for the first frame and the bytes read")
     parser.add_argument("--limit", type=int, default=256, help="MiB of memory (256)")
     parser.add_argument("--memory", default="160MiB", help="slf's own budget")
-    parser.add_argument("--map-budget", default="32MiB")
     parser.add_argument("--size", default="512x512")
     parser.add_argument("--seconds", default="24", help="length of an orbit")
     parser.add_argument("--rates", type=float, nargs="*", default=[10, 50, 200],
@@ -289,7 +288,7 @@ def main():
     folder.mkdir(parents=True, exist_ok=True)
     field = folder / "globe.slf"
     numbers = {"field_bytes": build(a.slf, field), "limit": a.limit * MIB, "loading": {}}
-    budgets = ["--memory", a.memory, "--map-budget", a.map_budget]
+    budgets = ["--memory", a.memory]
     print(f"{field}: {numbers['field_bytes'] / 1e9:.2f} GB, under {a.limit} MiB")
     with MemoryLimit(a.limit * MIB) as limit:
         if not limit.path:

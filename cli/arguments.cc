@@ -253,11 +253,6 @@ void DrawArguments::add_to(CLI::App& command) {
 void DrawArguments::add_resources_to(CLI::App& command) {
   const OptionGroup group(command, "Drawing");
   add_bytes(command, "--memory", memory, "Budget for decoded tiles and scratch");
-  command
-      .add_option("--map-budget", map_budget,
-                  "Limit of resident bytes of the mapped file; default: none")
-      ->transform(CLI::Validator(to_bytes, ""))
-      ->type_name("SIZE");
   add_threads(command, threads);
   add_structures_to(command);
 }
@@ -266,7 +261,6 @@ RendererOptions DrawArguments::renderer() const {
   RendererOptions options;
   options.memory = memory;
   options.threads = threads;
-  if (map_budget) options.map_budget = *map_budget;
   return options;
 }
 

@@ -391,7 +391,6 @@ struct DrawArguments {
   std::optional<RenderMode> mode;  // none: the field's default
   unsigned level = kFinest;        // or kMatchingLevel
   std::uint64_t memory = 256ull << 20;
-  std::optional<std::uint64_t> map_budget;  // none: no limit
   unsigned threads = 0;
   std::vector<std::string> structures;
 

@@ -14,12 +14,11 @@
 namespace slf::codec {
 namespace {
 
-/// Stores the samples unchanged. A reader may use the payload in place.
+/// Stores the samples unchanged.
 class RawCodec final : public Codec {
  public:
   std::string spec() const override { return "raw"; }
   bool lossless() const override { return true; }
-  bool in_place() const override { return true; }
 
   Result<void> encode(const TileShape& tile, ByteSpan samples, const Predicted*,
                       Bytes& payload) const override {

@@ -42,10 +42,6 @@ class Codec {
   /// Whether decode restores exactly the samples given to encode.
   [[nodiscard]] virtual bool lossless() const = 0;
 
-  /// Whether a payload consists of the samples themselves, so that a reader may use it in place
-  /// instead of calling decode. A payload whose size is not tile.bytes() is damaged.
-  [[nodiscard]] virtual bool in_place() const { return false; }
-
   /// Whether tiles of levels above 0 are coded as differences from a prediction. Other codecs
   /// ignore predictions.
   [[nodiscard]] virtual bool predicts() const { return false; }

@@ -157,8 +157,6 @@ const LevelGeometry& FieldFile::Shared::geometry(unsigned level) const {
 
 Result<void> FieldFile::decode(const storage::TileRef& tile, std::span<const ReferenceSamples> from,
                                std::span<std::byte> samples) const {
-  if (codec().in_place() && tile.payload.size() == samples.size())
-    return store_.copy(tile, samples);
   const auto decoded = coder().decode(tile.source, tile.payload, from, samples);
   SLF_TRY(unchanged());  // not the codec's fault
   if (!decoded)

@@ -116,7 +116,7 @@ class FieldFile {
   [[nodiscard]] FoundTiles find(std::span<const TileKey> keys, const Skip& skip = {},
                                 bool advise = true) const;
 
-  /// As TileStore::unchanged(); samples used in place may have been zeros.
+  /// As TileStore::unchanged().
   [[nodiscard]] Result<void> unchanged() const { return store_.unchanged(); }
 
   /// The numbers, in an order, of the tiles that the file has records of; all others are missing.

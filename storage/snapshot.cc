@@ -1,16 +1,13 @@
 #include "storage/internal/snapshot.h"
 
 #include <sys/mman.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <atomic>
-#include <cerrno>
 #include <thread>
 #include <utility>
 #include <vector>
 
-#include "base/file.h"
 #include "base/try.h"
 #include "storage/internal/file_index.h"
 
@@ -120,23 +117,5 @@ Result<void> Snapshot::load(const Meta& meta, const LockedFile& file) {
 }
 
 Result<void> Snapshot::unchanged() const { return map_.unchanged(path()); }
-
-Result<void> Snapshot::read(ByteSpan part, std::span<std::byte> to) const {
-  if (copy_) {
-    SLF_TRY(fetch(part));
-    std::copy(part.begin(), part.end(), to.begin());
-    return {};
-  }
-  auto offset = static_cast<off_t>(part.data() - map_.bytes().data());
-  while (!to.empty()) {
-    const ssize_t got = pread(file_.descriptor(), to.data(), to.size(), offset);
-    if (got < 0 && errno == EINTR) continue;
-    if (got < 0) return io_error(path(), "cannot read");
-    if (got == 0) return bad_file(path(), "changed while open: it has become shorter");
-    to = to.subspan(static_cast<std::size_t>(got));
-    offset += got;
-  }
-  return {};
-}
 
 }  // namespace slf::storage::internal

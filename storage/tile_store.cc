@@ -1,10 +1,8 @@
 #include "storage/tile_store.h"
 
 #include <sys/mman.h>
-#include <unistd.h>
 
 #include <algorithm>
-#include <cassert>
 #include <numeric>
 #include <utility>
 
@@ -244,10 +242,6 @@ Result<void> TileStore::fetch(const TileRef& tile) const { return snapshot_->fet
 
 Result<void> TileStore::check(const TileRef& tile) const {
   SLF_TRY(fetch(tile));
-  return verify(tile);
-}
-
-Result<void> TileStore::verify(const TileRef& tile) const {
   if (tile.state != TileState::stored) return {};
   const bool good = payload_checksum(in_file(tile.source), tile.payload) == tile.checksum;
   SLF_TRY(snapshot_->unchanged());
@@ -255,14 +249,6 @@ Result<void> TileStore::verify(const TileRef& tile) const {
   return fail_without("fix", ErrorCode::bad_file, path(), ": tile ", name(in_file(tile.source)),
                       ": the payload of ", tile.payload.size(),
                       " bytes does not match its checksum");
-}
-
-Result<void> TileStore::copy(const TileRef& tile, std::span<std::byte> to) const {
-  assert(to.size() == tile.payload.size());
-  SLF_TRY(snapshot_->read(tile.payload, to));
-  TileRef copied = tile;
-  copied.payload = to;
-  return verify(copied);
 }
 
 void TileStore::advise(std::span<const TileRef> tiles) const {

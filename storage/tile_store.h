@@ -93,7 +93,7 @@ class TileStore {
   [[nodiscard]] static Result<TileStore> open(const std::string& path);
 
   /// Opens a remote container. Its bytes are fetched when they are needed, and stay in a temporary
-  /// file, which map() maps. A payload is present after check(), fetch() or copy(). Any call that
+  /// file, which map() maps. A payload is present after check() or fetch(). Any call that
   /// reads may fail with the errors of RangeSource::fetch(). Other errors as above.
   [[nodiscard]] static Result<TileStore> open(std::shared_ptr<RangeSource> source);
 
@@ -150,11 +150,6 @@ class TileStore {
   /// RangeSource::fetch().
   [[nodiscard]] Result<void> fetch(const TileRef& tile) const;
 
-  /// Copies a stored tile's payload from the file and verifies its checksum. Bypasses the map, so
-  /// no page of the payload becomes resident there. Errors as check(), or io.
-  /// REQUIRES: `to` is as long as the payload.
-  [[nodiscard]] Result<void> copy(const TileRef& tile, std::span<std::byte> to) const;
-
   /// Asks the kernel to read the tiles' pages soon. Merges neighbouring ranges.
   void advise(std::span<const TileRef> tiles) const;
 
@@ -199,7 +194,6 @@ class TileStore {
  private:
   explicit TileStore(std::shared_ptr<const internal::Snapshot> snapshot)
       : snapshot_(std::move(snapshot)) {}
-  [[nodiscard]] Result<void> verify(const TileRef& tile) const;
   /// find() and find_all(), which do not give a tile the payload of the one that it is the same as.
   [[nodiscard]] Result<TileRef> find_own(TileKey key) const;
   [[nodiscard]] std::vector<Result<TileRef>> find_own(std::span<const TileKey> keys) const;

@@ -216,8 +216,7 @@ Result<FieldDifference> diff_fields(const Field& handle_a, const Field& handle_b
   difference.comparable = same_rays(a.shape(), b.shape());
   if (!difference.comparable) return difference;
 
-  TileCache tiles_a(a, kMemory, kUnlimited, true, handle_a.structures()),
-      tiles_b(b, kMemory, kUnlimited, true, handle_b.structures());
+  TileCache tiles_a(a, kMemory, handle_a.structures()), tiles_b(b, kMemory, handle_b.structures());
   // One state alone may be predicted from others, which are not compared.
   const bool by_bytes = have_same_codec(a, b) && !composed &&
                         (options.all_states || !a.predicts() ||

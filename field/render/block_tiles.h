@@ -7,7 +7,6 @@
 
 #include <array>
 #include <cstdint>
-#include <span>
 #include <vector>
 
 #include "field/geometry/level_geometry.h"
@@ -47,16 +46,11 @@ class BlockTiles {
   void begin_pass(std::uint32_t frame, const LevelGeometry& geometry, const PageTable& table,
                   bool wait);
 
-  /// For the rest of the pass, find() also returns those of these tiles that may only be read while
-  /// they are pinned (TilePage::kMustPin). REQUIRES: the keys ascend, and live until the last
-  /// find(); the caller holds the pins.
-  void set_pinned(std::span<const TileKey> keys) { pinned_ = keys; }
-
   /// Finds a tile and stamps it as used by the frame. Not inlined: the kernel's loop, which calls
   /// it rarely, keeps its registers. REQUIRES: a ReadScope until the samples are gathered.
   [[gnu::noinline]] Found find(std::uint32_t entry, std::uint32_t exit);
 
-  /// The stamp in TilePage::found of readable tiles that the frame has found before.
+  /// The stamp in TilePage::found of loaded tiles that the frame has found before.
   [[nodiscard]] std::uint64_t stamp() const { return stamp_; }
   [[nodiscard]] const PageTable& table() const { return *table_; }
   [[nodiscard]] bool with_depth() const { return with_depth_; }
@@ -71,7 +65,7 @@ class BlockTiles {
 
   /// Marks a tile as used by the frame. False: it cannot be read, and was added to absent().
   [[nodiscard]] bool mark_used(std::uint32_t entry, std::uint32_t exit, TilePage* page,
-                               std::uint32_t state);
+                               bool loaded);
 
   std::uint32_t frame_ = 0;
   std::uint64_t stamp_ = 0;
@@ -79,7 +73,6 @@ class BlockTiles {
   const LevelGeometry* geometry_ = nullptr;
   const PageTable* table_ = nullptr;
   std::vector<TileKey>* touched_ = nullptr;
-  std::span<const TileKey> pinned_;
   std::vector<TileKey> absent_;
   std::array<std::uint32_t, kRecent> recent_{};  // places in absent_, by hash
 };

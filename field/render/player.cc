@@ -327,9 +327,7 @@ Player::~Player() = default;
 const TileReader& Player::tiles() const { return state_->renderer.tiles(); }
 
 Result<Player> Player::make(const Field& field, const PlayOptions& options) {
-  RendererOptions copied = options.renderer;
-  copied.in_place = false;
-  return guarded([&] { return make(Renderer(field, copied), options); });
+  return guarded([&] { return make(Renderer(field, options.renderer), options); });
 }
 
 Result<Player> Player::make(TileReader tiles, const PlayOptions& options) {

@@ -87,8 +87,7 @@ RenderMode default_mode(const Field& field) {
 
 Renderer::Renderer(const Field& field, const RendererOptions& options) {
   const Plan plan = plan_memory(field, options);
-  *this = Renderer(TileReader(field, {plan.cache_bytes, options.map_budget, options.in_place}),
-                   plan.threads);
+  *this = Renderer(TileReader(field, {plan.cache_bytes}), plan.threads);
 }
 Renderer::Renderer(TileReader tiles, unsigned threads) {
   threads = thread_count(threads);

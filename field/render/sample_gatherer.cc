@@ -66,7 +66,6 @@ Result<void> SampleGatherer::gather_in_batches(std::size_t count, const EntryCel
   for (std::size_t begin = 0; begin < keys.size(); begin += max_batch) {
     const auto batch = std::span(keys).subspan(begin, std::min(max_batch, keys.size() - begin));
     const auto pins = SLF_TRY(cache_.load(batch));
-    tiles_.set_pinned(batch);
     gather_loaded(count, entries, pass, true);  // reads tiles that stayed loaded again
   }
   *frame_ = cache_.resume_frame(*frame_);

@@ -24,11 +24,10 @@ void LoadedTiles::set_cost(LoadedTile& tile, std::uint64_t bytes) {
   tile.cost = bytes;
 }
 
-bool LoadedTiles::pin(LoadedTile& tile) {
-  if (tile.pins++ > 0) return false;
+void LoadedTiles::pin(LoadedTile& tile) {
+  if (tile.pins++ > 0) return;
   pinned_.splice(pinned_.end(), idle_, tile.place);
   pinned_bytes_ += tile.cost;
-  return true;
 }
 
 void LoadedTiles::unpin(LoadedTile& tile, std::uint32_t now) {

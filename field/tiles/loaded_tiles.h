@@ -29,12 +29,11 @@ struct LoadedTile {
   TilePage unlisted;         // of a tile of another state, which readers do not look for
   storage::TileRef ref;
   const std::byte* first = nullptr;
-  TileMemory::Block owned;         // what `first` points into, unless it is the map
+  TileMemory::Block owned;         // what `first` points into
   std::size_t bytes = 0;           // of the samples
   std::optional<TileKey> lacking;  // a tile that this one is predicted from, but was never built
   std::optional<Error> error;
   Stage stage = Stage::absent;
-  bool in_place = false;     // the samples are in the map
   unsigned chain = 0;        // through how many other states it is predicted
   std::uint64_t cost = 0;    // bytes that it counts in the budget
   std::uint32_t listed = 0;  // page.used when it last came among the tiles that nothing pins
@@ -55,8 +54,7 @@ class LoadedTiles {
   /// The bytes that a tile costs from now on.
   void set_cost(LoadedTile& tile, std::uint64_t bytes);
 
-  /// Whether it was the first pin.
-  bool pin(LoadedTile& tile);
+  void pin(LoadedTile& tile);
   /// `now`: the frame that counts as its last user.
   void unpin(LoadedTile& tile, std::uint32_t now);
 

@@ -31,7 +31,6 @@ alignas(64) inline constexpr std::array<std::byte, 2 * kZeroReach> kZeroSamples{
 struct alignas(32) TilePage {
   static constexpr std::uint32_t kLoaded = 1;   ///< samples are loaded, or known to be zeros
   static constexpr std::uint32_t kMissing = 2;  ///< never built
-  static constexpr std::uint32_t kMustPin = 4;  ///< must be pinned before it is read
 
   static constexpr int kStampBits = 16;  // offsets between user addresses take 48 bits
   static constexpr std::uint64_t kStampMask = (1 << kStampBits) - 1;
@@ -48,20 +47,15 @@ struct alignas(32) TilePage {
     return static_cast<std::uint64_t>(offset) << kStampBits | stamp;
   }
 
-  /// Whether a tile can be read without a pin.
-  [[nodiscard]] static bool readable(std::uint32_t state) {
-    return (state & (kLoaded | kMustPin)) == kLoaded;
-  }
-
   /// The first colour and the first depth; null if the tile is empty, or has no depths.
   std::atomic<const std::byte*> color{nullptr}, depth{nullptr};
   /// The word that kernels load: the sample_offset() of the colours, above the stamp of a frame
-  /// that found the tile readable and complete; or kNotFound or kRemoved. A new stamp is stored
+  /// that found the tile loaded and complete; or kNotFound or kRemoved. A new stamp is stored
   /// only if the word has not changed meanwhile, so never into the word of another tile.
   std::atomic<std::uint64_t> found{0};
   std::atomic<std::uint32_t> state{0};  ///< kLoaded and other flags; 0: not loaded
-  /// The frame that used it last, which orders removals. `found` has its stamp, too, but not while
-  /// the tile must be pinned or is missing.
+  /// The frame that used it last, which orders removals. `found` has its stamp, too, unless the
+  /// tile is missing.
   std::atomic<std::uint32_t> used{0};
 };
 static_assert(sizeof(TilePage) == 32);

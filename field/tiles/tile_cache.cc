@@ -20,20 +20,17 @@ constexpr std::uint64_t kTileBytes = 512;  // approximate bookkeeping per tile
 constexpr std::uint64_t kGeometryTimes = 1 << 10, kTableTimes = 1 << 17;
 }  // namespace
 
-TileCache::TileCache(const FieldFile& field, std::uint64_t budget, std::uint64_t map_budget,
-                     bool in_place, const std::vector<Structure>* structures)
+TileCache::TileCache(const FieldFile& field, std::uint64_t budget,
+                     const std::vector<Structure>* structures)
     : field_(field),
       composed_(structures != nullptr),
       budget_(structures ? budget / 2 : budget),
-      in_place_(in_place),
       memory_(budget_),
-      tiles_(budget_),
-      map_(map_budget) {
+      tiles_(budget_) {
   if (structures)
     for (const Structure& one : *structures)
       parts_.push_back(
-          {std::make_unique<TileCache>(one.field.file(), (budget - budget_) / structures->size(),
-                                       map_budget / structures->size(), in_place),
+          {std::make_unique<TileCache>(one.field.file(), (budget - budget_) / structures->size()),
            layer_factor(one.opacity, one.tint, one.field.linear())});
   const FieldShape& shape = field.shape();
   const std::uint64_t bytes = field.store().file_bytes();
@@ -50,15 +47,13 @@ TileCache::TileCache(const FieldFile& field, std::uint64_t budget, std::uint64_t
 }
 TileCache::~TileCache() = default;
 
-/// Holds the lock. After unlocking, frees garbage and releases the map if that is due.
+/// Holds the lock. After unlocking, frees garbage.
 class TileCache::ScopedLock {
  public:
   explicit ScopedLock(TileCache& cache) : cache_(cache), lock_(cache.mutex_) {}
   ~ScopedLock() {
     const LoadedTile::List garbage = cache_.tiles_.take_garbage();
-    const bool release = cache_.map_.take_due();
     lock_.unlock();
-    if (release) cache_.field_.store().release_all();
   }
 
   [[nodiscard]] std::unique_lock<std::mutex>& lock() { return lock_; }
@@ -86,10 +81,6 @@ void TileCache::Pin::release() {
 storage::TileState TileCache::Pin::state() const { return tile_->ref.state; }
 ByteSpan TileCache::Pin::samples() const {
   return tile_->first ? ByteSpan(tile_->first, tile_->bytes) : ByteSpan();
-}
-
-void TileCache::pin_locked(LoadedTile& tile) {
-  if (tiles_.pin(tile) && tile.in_place) map_.count_read(field_.store().range(tile.ref));
 }
 
 void TileCache::unpin(LoadedTile& tile) {
@@ -128,26 +119,13 @@ bool TileCache::has_room(std::uint32_t frame) {
 // Loading.
 
 FoundTiles TileCache::locate(std::span<const TileKey> keys) {
-  FoundTiles found;
   // What the parts find is in memory when they look for it again.
   for (const Part& part : parts_) (void)part.cache->locate(keys);
-  if (composed_) return found;
-  const auto loaded = [&](TileKey key) {
+  if (composed_) return {};
+  return field_.find(keys, [&](TileKey key) {
     const std::lock_guard lock(mutex_);
     return tiles_.find(key) != nullptr;
-  };
-  std::vector<TileKey> absent(keys.begin(), keys.end());
-  std::erase_if(absent, loaded);
-  // Find all at a time, unless the tables of so many records would exceed the map's budget.
-  for (auto left = std::span(absent); !left.empty();) {
-    const auto some = left.first(std::min<std::uint64_t>(left.size(), map_.records()));
-    left = left.subspan(some.size());
-    auto more = field_.find(some, [&](TileKey key) { return found.contains(key) || loaded(key); });
-    const ScopedLock scoped(*this);
-    for (std::size_t k = 0; k < more.size(); ++k) map_.count_find();
-    found.merge(more);
-  }
-  return found;
+  });
 }
 
 Result<std::vector<TileCache::Pin>> TileCache::load(std::span<const TileKey> keys,
@@ -191,7 +169,7 @@ std::vector<std::size_t> TileCache::pin_loaded(std::span<const TileKey> keys, st
       absent.push_back(k);
       continue;
     }
-    pin_locked(*tile);
+    tiles_.pin(*tile);
     pins[k] = Pin(this, tile);
   }
   return absent;
@@ -250,7 +228,7 @@ Result<TileCache::Pin> TileCache::load_one(TileKey key, const FoundTiles& found)
     tile = &tiles_.add(
         key, listed ? tables_[key.level].find(sections.entry.index, sections.exit.index) : nullptr);
   }
-  pin_locked(*tile);
+  tiles_.pin(*tile);
   pin = Pin(this, tile);
   if (tile->stage == Stage::absent) {
     tile->stage = Stage::loading;
@@ -273,8 +251,6 @@ Result<TileCache::Pin> TileCache::load_one(TileKey key, const FoundTiles& found)
 void TileCache::publish_locked(LoadedTile& tile) {
   std::uint32_t state = TilePage::kLoaded;
   if (tile.ref.state == storage::TileState::missing) state |= TilePage::kMissing;
-  // If the map has a budget, samples in the map must be pinned: pinning counts their pages.
-  if (map_.limited() && tile.in_place) state |= TilePage::kMustPin;
   TilePage& page = *tile.page;
   page.color.store(tile.first, std::memory_order_release);
   const std::byte* depths = nullptr;  // they come after all colours
@@ -299,12 +275,12 @@ Result<void> TileCache::compose(LoadedTile& tile) {
     if (!pin.samples().empty()) layers.push_back({pin.samples(), part.factor});
   }
   if (layers.empty() || tile.ref.state == TileState::missing) {
-    charge(tile, 0, true, false);
+    charge(tile, 0);
     return {};
   }
   tile.ref.state = TileState::stored;
   const std::size_t bytes = layers.front().samples.size();
-  charge(tile, bytes, true, false);
+  charge(tile, bytes);
   compose_samples(layers, field_.format(), allocate(tile, bytes));
   for (const Part& part : parts_) SLF_TRY(part.cache->field().unchanged());
   return {};
@@ -324,46 +300,37 @@ Result<void> TileCache::load_samples(LoadedTile& tile, const FoundTiles& found) 
   const auto known = found.find(tile.key);
   const bool is_known = known != found.end();
   tile.ref = SLF_TRY(is_known ? known->second.ref : store.find(tile.key));
-  const bool stored = tile.ref.state == storage::TileState::stored;
-  const std::size_t bytes = stored ? field_.tile_shape(tile.key).bytes() : 0;
-  const bool raw = stored && field_.codec().in_place() && tile.ref.payload.size() == bytes;
-  if (raw && in_place_) {
-    tile.in_place = true;
-    charge(tile, 0, is_known, true);
-    tile.bytes = bytes;
-    tile.first = tile.ref.payload.data();  // a record's table comes before any payload
-    return store.check(tile.ref);
+  if (tile.ref.state != storage::TileState::stored) {
+    charge(tile, 0);
+    return {};
   }
+  SLF_TRY(store.check(tile.ref));  // before what the payload names is loaded
+  auto listed = is_known ? known->second.references : field_.references(tile.ref);
+  const auto references = SLF_TRY(std::move(listed));
   std::vector<Pin> pins;
   std::vector<ReferenceSamples> from;
-  if (stored && !raw) {
-    SLF_TRY(store.check(tile.ref));  // before what the payload names is loaded
-    auto listed = is_known ? known->second.references : field_.references(tile.ref);
-    const auto references = SLF_TRY(std::move(listed));
-    for (const TileKey reference : references) {
-      Pin loaded = SLF_TRY(load_one(reference, found));
-      const Pin& pin = pins.emplace_back(std::move(loaded));
-      from.push_back({reference, pin.samples()});
-      if (reference.level == tile.key.level) {
-        tile.chain = pin.tile_->chain + 1;
-        if (tile.chain > kMaxChain)
-          return fail(ErrorCode::bad_file, field_.place(tile.key), kChained);
-      }
-      if (pin.state() != storage::TileState::missing) continue;
-      tile.lacking = pin.tile_->lacking.value_or(reference);
-      tile.ref.state = storage::TileState::missing;
-      charge(tile, 0, is_known, true);
-      return {};
+  for (const TileKey reference : references) {
+    Pin loaded = SLF_TRY(load_one(reference, found));
+    const Pin& pin = pins.emplace_back(std::move(loaded));
+    from.push_back({reference, pin.samples()});
+    if (reference.level == tile.key.level) {
+      tile.chain = pin.tile_->chain + 1;
+      if (tile.chain > kMaxChain)
+        return fail(ErrorCode::bad_file, field_.place(tile.key), kChained);
     }
+    if (pin.state() != storage::TileState::missing) continue;
+    tile.lacking = pin.tile_->lacking.value_or(reference);
+    tile.ref.state = storage::TileState::missing;
+    charge(tile, 0);
+    return {};
   }
-  charge(tile, bytes, is_known, stored && !raw);
-  if (!stored) return {};
-  const std::span<std::byte> samples = allocate(tile, bytes);
+  const std::size_t bytes = field_.tile_shape(tile.key).bytes();
+  charge(tile, bytes);
   payload_bytes_ += tile.ref.payload.size();
-  return field_.decode(tile.ref, from, samples);
+  return field_.decode(tile.ref, from, allocate(tile, bytes));
 }
 
-void TileCache::charge(LoadedTile& tile, std::uint64_t bytes, bool found, bool mapped) {
+void TileCache::charge(LoadedTile& tile, std::uint64_t bytes) {
   ScopedLock scoped(*this);
   const std::uint64_t cost = bytes + kTileBytes;
   while (tiles_.remove_for(cost)) {  // again after a wait: others may have charged for tiles
@@ -373,11 +340,6 @@ void TileCache::charge(LoadedTile& tile, std::uint64_t bytes, bool found, bool m
   }
   tiles_.set_cost(tile, cost);
   statistics_.decodes += bytes > 0 && !composed_;
-  if (tile.in_place) statistics_.loaded_bytes += tile.ref.payload.size();
-  if (mapped)
-    map_.count_read(field_.store().range(tile.ref));
-  else if (!found)
-    map_.count_find();
   statistics_.decoded_peak_bytes = std::max(statistics_.decoded_peak_bytes, tiles_.bytes());
 }
 
@@ -402,7 +364,7 @@ CacheStatistics TileCache::statistics() const {
   const std::lock_guard lock(mutex_);
   CacheStatistics statistics = statistics_;
   statistics.decoded_bytes = tiles_.bytes();
-  statistics.loaded_bytes += payload_bytes_;
+  statistics.loaded_bytes = payload_bytes_;
   for (const Part& part : parts_) {
     const CacheStatistics more = part.cache->statistics();
     statistics.decodes += more.decodes;

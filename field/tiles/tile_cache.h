@@ -11,10 +11,6 @@
 //
 // The tiles of a composed field are made of those of its structures, each of which has a cache of
 // its own.
-//
-// Tiles of an in-place codec (raw) are views of the map and do not count. The resident pages of the
-// map have a budget of their own: when about that much was read through the map, all of it is
-// released, and pages still in use fault back in.
 #pragma once
 
 #include <atomic>
@@ -30,7 +26,6 @@
 #include "base/fork.h"
 #include "field/field_file.h"
 #include "field/tiles/loaded_tiles.h"
-#include "field/tiles/map_budget.h"
 #include "field/tiles/page_table.h"
 #include "field/tiles/tile_memory.h"
 #include "slf/error.h"
@@ -39,7 +34,7 @@
 namespace slf {
 
 struct CacheStatistics {
-  std::uint64_t decodes = 0;             ///< tiles decoded or copied, once per load
+  std::uint64_t decodes = 0;             ///< tiles decoded, once per load
   std::uint64_t decoded_bytes = 0;       ///< in the cache now
   std::uint64_t decoded_peak_bytes = 0;  ///< most bytes in the cache at any time
   /// Payloads read from the start, with those of tiles that others are predicted from.
@@ -85,12 +80,10 @@ class TileCache {
   using ReadScope = ReadEpochs::Scope;
   [[nodiscard]] ReadEpochs& epochs() { return tiles_.epochs(); }
 
-  /// The field must outlive this. `budget` bytes of decoded samples, `map_budget` resident bytes of
-  /// the map; pinned tiles of an in-place codec can exceed the latter. Unless `in_place`, tiles of
-  /// in-place codecs are copied out of the map too. `structures`: null unless the field is
-  /// composed; they share the budgets.
-  TileCache(const FieldFile& field, std::uint64_t budget, std::uint64_t map_budget = kUnlimited,
-            bool in_place = true, const std::vector<Structure>* structures = nullptr);
+  /// The field must outlive this. `budget`: bytes of decoded samples. `structures`: null unless the
+  /// field is composed; they share the budget.
+  TileCache(const FieldFile& field, std::uint64_t budget,
+            const std::vector<Structure>* structures = nullptr);
   ~TileCache();
 
   /// Whether this process was forked while threads used this, which may be locked for ever. Then
@@ -152,7 +145,6 @@ class TileCache {
  private:
   /// failed: see lost().
   [[nodiscard]] Result<void> check_kept() const;
-  void pin_locked(LoadedTile& tile);
   void unpin(LoadedTile& tile);
   /// Shows readers that a tile is loaded.
   void publish_locked(LoadedTile& tile);
@@ -182,9 +174,8 @@ class TileCache {
   [[nodiscard]] std::span<std::byte> allocate(LoadedTile& tile, std::size_t bytes);
   /// Before a tile gets memory for `bytes` bytes of samples: removes others until these fit into
   /// the budget, where the tile counts with them from now on. Waits for memory of removed tiles
-  /// that is still read. Counts against the budget of the map what was read of it: the tile's
-  /// payload if `mapped`, else its look-up, unless locate() has `found` the tile and counted that.
-  void charge(LoadedTile& tile, std::uint64_t bytes, bool found, bool mapped);
+  /// that is still read.
+  void charge(LoadedTile& tile, std::uint64_t bytes);
 
   struct Part {
     std::unique_ptr<TileCache> cache;
@@ -196,7 +187,6 @@ class TileCache {
   const bool composed_;
   std::vector<Part> parts_;  // the structures, if the field is composed
   const std::uint64_t budget_;
-  const bool in_place_;
   std::vector<PageTable> tables_;                // by level; changed under the lock
   std::atomic<std::uint32_t> clock_{0};          // number of the frame that began last
   std::atomic<std::uint64_t> payload_bytes_{0};  // decoded so far
@@ -207,7 +197,6 @@ class TileCache {
   mutable std::mutex mutex_;  // guards what follows
   std::condition_variable loaded_;
   LoadedTiles tiles_;
-  MapBudget map_;
   bool shared_ = false;  // whether frames may share the last number
   CacheStatistics statistics_;
 };

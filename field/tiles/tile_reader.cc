@@ -11,9 +11,7 @@ struct TileReader::State {
   TileCache cache;
 
   State(const Field& of, const TileReaderOptions& options)
-      : field(of),
-        cache(field.file(), options.memory, options.map_budget, options.in_place,
-              field.structures()) {}
+      : field(of), cache(field.file(), options.memory, field.structures()) {}
 };
 
 TileReader::TileReader(const Field& field, const TileReaderOptions& options)

@@ -35,8 +35,8 @@ enum class Loading {
 [[nodiscard]] Result<Loading> parse_loading(std::string_view text);
 
 struct PlayOptions {
-  RendererOptions renderer;  ///< `in_place` is off: frames must not wait for page faults
-  ViewOptions view;          ///< `wait` follows from `loading`
+  RendererOptions renderer;
+  ViewOptions view;  ///< `wait` follows from `loading`
   Loading loading = Loading::ahead;
   unsigned horizon = 8;  ///< frames to load ahead, if memory allows
 };
@@ -74,7 +74,7 @@ class Player {
   /// it pinned, up to a quarter of the reader's memory. usage: as Renderer::render().
   [[nodiscard]] static Result<Player> make(const Field& field, const PlayOptions& options);
   /// Shares the reader with whoever else has it, as Renderer does. Of `options.renderer`, only
-  /// `threads` counts. A reader with `in_place` lets frames wait for page faults.
+  /// `threads` counts.
   [[nodiscard]] static Result<Player> make(TileReader tiles, const PlayOptions& options);
   Player(Player&&) noexcept;
   Player& operator=(Player&&) noexcept;

@@ -42,10 +42,8 @@ enum class RenderMode {
 [[nodiscard]] RenderMode default_mode(const Field& field);
 
 struct RendererOptions {
-  std::uint64_t memory = 256ull << 20;    ///< bytes of decoded tiles and scratch, without pictures
-  unsigned threads = 0;                   ///< 0: all
-  std::uint64_t map_budget = kUnlimited;  ///< as in TileReaderOptions
-  bool in_place = true;                   ///< as in TileReaderOptions
+  std::uint64_t memory = 256ull << 20;  ///< bytes of decoded tiles and scratch, without pictures
+  unsigned threads = 0;                 ///< 0: all
 };
 
 /// Stands for the level that matches the camera.

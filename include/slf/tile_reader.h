@@ -18,18 +18,11 @@ namespace slf {
 
 class TileCache;  // internal
 
-/// No limit on a number of bytes.
-inline constexpr std::uint64_t kUnlimited = ~std::uint64_t{0};
-
 struct TileReaderOptions {
   /// Bytes of decoded tiles. Not included, for each level that is read: about 32 N² bytes to find
   /// the rows of the entry vertices, with N = FieldShape::entry_resolution(level); and a table of
   /// tiles that takes 4 KiB for each 128 neighbours of which one was loaded.
   std::uint64_t memory = 256ull << 20;
-  /// Resident bytes of the mapped file, at least 512 KiB. Tiles of an in-place codec (raw) that are
-  /// in use may exceed it.
-  std::uint64_t map_budget = kUnlimited;
-  bool in_place = true;  ///< read raw tiles from the map; false: copy them, within `memory`
 };
 
 /// A handle: copies share the decoded tiles and one budget. When that is used up, the tiles that

@@ -52,11 +52,6 @@ class Snapshot final : public Trees {
   /// have been zeros.
   [[nodiscard]] Result<void> unchanged() const override;
 
-  /// Reads a part of bytes() from the file, bypassing the map if it is a local one. io: the read
-  /// failed. bad_file: the file has shrunk. REQUIRES: opened with open(); `to` is as long as
-  /// `part`.
-  [[nodiscard]] Result<void> read(ByteSpan part, std::span<std::byte> to) const;
-
  private:
   explicit Snapshot(std::string path) : Trees(std::move(path)) {}
 

@@ -270,39 +270,6 @@ TEST(TileStore, RangeAdviseAndReleaseConcernThePayload) {
   EXPECT_TRUE(ok(store->check(tiles[1])));
 }
 
-TEST(TileStore, CopiesAPayloadPastTheMapAndChecksIt) {
-  TemporaryFolder folder;
-  const std::string path = folder / "a.slf";
-  const Bytes payload = tile_bytes({0, 0}, 30000);
-  {
-    TileWriter writer = create(path);
-    ASSERT_TRUE(ok(writer.append({0, 0}, payload)));
-    ASSERT_TRUE(ok(writer.append({0, 1}, {})));
-    ASSERT_TRUE(ok(writer.close()));
-  }
-  const auto store = TileStore::open(path);
-  ASSERT_TRUE(ok(store));
-  const TileRef tile = *store->find({0, 0});
-  Bytes copy(payload.size());
-  EXPECT_TRUE(ok(store->copy(tile, copy)));
-  EXPECT_EQ(copy, payload);
-  EXPECT_TRUE(ok(store->copy(*store->find({0, 1}), {})));
-
-  Bytes file = read_file(path);
-  const FileRange range = store->range(tile);
-  file[range.begin + 20000] ^= std::byte{1};
-  write_file(folder / "damaged.slf", file);
-  const auto damaged = TileStore::open(folder / "damaged.slf");
-  ASSERT_TRUE(ok(damaged));
-  EXPECT_EQ(damaged->copy(*damaged->find({0, 0}), copy).error().code, ErrorCode::bad_file);
-
-  ASSERT_EQ(truncate(path.c_str(), static_cast<off_t>(range.begin + 20000)), 0);
-  const auto shrunk = store->copy(tile, copy);
-  ASSERT_FALSE(shrunk);
-  EXPECT_EQ(shrunk.error().code, ErrorCode::bad_file);
-  EXPECT_THAT(shrunk.error().message, HasSubstr("shorter"));
-}
-
 TEST(TileStore, SaysWhatIsWrongWithAFile) {
   TemporaryFolder folder;
   const auto missing = TileStore::open(folder / "none.slf");

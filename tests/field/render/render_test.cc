@@ -290,25 +290,6 @@ TEST_F(Render, MeasuringCountsViewsAndStopsWhenAsked) {
   EXPECT_EQ(stopped.error().code, ErrorCode::cancelled);
 }
 
-TEST_F(Render, TheMapBudgetBoundsResidentPages) {
-  const Camera camera = orbit_camera(field_->shape().sphere, 10, 20, 3, 200, 200);
-  const auto resident = [&](std::uint64_t budget) {
-    MeasureOptions options{{camera}, RenderMode::depth, {2}, {}};
-    options.renderer.map_budget = budget;
-    options.renderer.threads = 2;
-    options.renderer.memory = 1 << 20;
-    return measure_views(*field_, options)->total.mapped_pages.max;
-  };
-  // Beside the budget, what each of two threads is reading just now.
-  constexpr double kMaxPages = (512 + 2 * 64) / 4;
-  EXPECT_LE(resident(512 << 10), kMaxPages);
-  EXPECT_GT(resident(kUnlimited), kMaxPages);
-  RendererOptions tight;
-  tight.map_budget = 64 << 10;
-  EXPECT_EQ(draw(*field_, camera, {RenderMode::depth, 2}, tight).rgba,
-            draw(*field_, camera, {RenderMode::depth, 2}).rgba);
-}
-
 TEST_F(Render, DistancesReachTheSurface) {
   const Camera camera = orbit_camera(field_->shape().sphere, 70, 10, 3, 96, 96);
   const Image image = draw(*field_, camera, {RenderMode::depth, 2, true});
