@@ -158,7 +158,7 @@ const LevelGeometry& FieldFile::Shared::geometry(unsigned level) const {
 Result<void> FieldFile::decode(const storage::TileRef& tile, std::span<const ReferenceSamples> from,
                                std::span<std::byte> samples) const {
   const auto decoded = coder().decode(tile.source, tile.payload, from, samples);
-  SLF_TRY(unchanged());  // not the codec's fault
+  SLF_TRY(store_.unchanged());  // not the codec's fault
   if (!decoded)
     return fail(decoded.error().code, place(tile.source), ": ", decoded.error().message,
                 "; drop the damaged tile and build it again");

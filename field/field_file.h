@@ -116,9 +116,6 @@ class FieldFile {
   [[nodiscard]] FoundTiles find(std::span<const TileKey> keys, const Skip& skip = {},
                                 bool advise = true) const;
 
-  /// As TileStore::unchanged().
-  [[nodiscard]] Result<void> unchanged() const { return store_.unchanged(); }
-
   /// The numbers, in an order, of the tiles that the file has records of; all others are missing.
   /// What loops over a field's tiles loops over these: a file declares levels for nothing.
   /// bad_file: the file has shrunk.

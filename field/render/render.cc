@@ -332,7 +332,6 @@ Result<void> Renderer::draw(const Camera& camera, const ViewOptions& requested, 
   }));
   if (job.error()) return tl::unexpected(*job.error());
   SLF_TRY(job.report(blocks.count()));
-  SLF_TRY(field.unchanged());
 
   if (statistics) {
     *statistics = {};

@@ -282,7 +282,6 @@ Result<void> TileCache::compose(LoadedTile& tile) {
   const std::size_t bytes = layers.front().samples.size();
   charge(tile, bytes);
   compose_samples(layers, field_.format(), allocate(tile, bytes));
-  for (const Part& part : parts_) SLF_TRY(part.cache->field().unchanged());
   return {};
 }
 

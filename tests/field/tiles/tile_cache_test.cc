@@ -94,7 +94,7 @@ TEST_F(TileCacheTest, ReadersFindWhatWasLoaded) {
   ASSERT_TRUE(cache.load(std::vector{at}));
   TilePage* page = find(cache, at);
   ASSERT_TRUE(page);
-  EXPECT_TRUE(TilePage::readable(page->state));
+  EXPECT_TRUE(page->state & TilePage::kLoaded);
   const auto expected = samples(at);
   EXPECT_TRUE(std::equal(expected.begin(), expected.end(), page->color.load()));
   EXPECT_EQ(page->depth, page->color + field_->file().tile_shape(at).color_bytes());
@@ -246,7 +246,7 @@ TEST_F(TileCacheTest, ReadersSeeWholeTilesWhileOthersLoadAndRemove) {
       for (int k = 0; k < 64; ++k) {
         const std::uint64_t index = random() % tiles();
         TilePage* page = find(cache, key(index));
-        if (!page || !TilePage::readable(page->state.load(std::memory_order_acquire))) continue;
+        if (!page || !(page->state.load(std::memory_order_acquire) & TilePage::kLoaded)) continue;
         ++found;
         const auto& bytes = expected[index];
         if (page->color.load()) {
