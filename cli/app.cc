@@ -135,11 +135,7 @@ std::unique_ptr<CLI::App> make_app(Run& run) {
   app->set_help_all_flag("--help-all", "Print all options and exit");
   app->set_version_flag("--version", std::string("slf ") + SLF_VERSION);
   app->add_flag("-q,--quiet", quiet, "No progress and no notes");
-  app->add_option("--progress", progress_style,
-                  "Seconds between lines of progress where stderr is no terminal, 0: none;\n"
-                  "or json, or json:SECONDS: lines of JSON on stderr, for programs")
-      ->type_name("SECONDS")
-      ->default_str(fmt::format("{}", progress_style.seconds));
+  add_progress(*app);
   app->require_subcommand(1);
   app->fallthrough();
 

@@ -10,6 +10,7 @@
 #include <concepts>
 #include <cstdint>
 #include <functional>
+#include <map>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -17,11 +18,13 @@
 #include <utility>
 #include <vector>
 
+#include "base/report.h"
 #include "slf/build.h"
 #include "slf/camera.h"
 #include "slf/error.h"
 #include "slf/field.h"
 #include "slf/recipe.h"
+#include "slf/remote.h"
 #include "slf/render.h"
 #include "slf/repack.h"
 #include "source/recipe/options.h"
@@ -57,6 +60,8 @@ struct ProgressStyle {
   double seconds = 30;  ///< between lines; 0: no lines
 };
 extern ProgressStyle progress_style;
+/// Adds --progress.
+void add_progress(CLI::App& app);
 /// Parses "30", "json" or "json:5".
 std::istream& operator>>(std::istream& in, ProgressStyle& style);
 
@@ -94,11 +99,29 @@ void message(const std::string& text, Lines lines = Lines::indented);
 void note(const std::string& text);
 
 /// Prints JSON on stdout. Bytes that are not UTF-8, as in paths, become U+FFFD. If a remote field
-/// was read, adds the member "http", traffic_json(), to an object.
-void print_json(nlohmann::json json);
+/// was read, adds the member "http", its traffic, to an object.
+void print_document(nlohmann::json json);
+/// The same of a report, or of a list of reports (base/report.h).
+template <class T>
+void print_json(const T& report) {
+  print_document(report::json_of(report));
+}
 
-/// The value, or null if it is not finite: JSON has no infinity.
-[[nodiscard]] nlohmann::json finite_or_null(double value);
+/// The schemas of what commands print with --json; of lines: of each line.
+struct OutputSchema {
+  std::string title;
+  std::vector<nlohmann::json (*)()> alternatives;
+  bool lines = false;
+};
+extern std::map<std::string, OutputSchema> output_schemas;
+
+/// Adds --json to a command that prints one of these reports with print_json().
+template <class... Reports>
+void add_json(CLI::App& command, bool& json, const std::string& help = "JSON on stdout") {
+  command.add_flag("--json", json, help);
+  output_schemas[command.get_name()] = {"Output of `slf " + command.get_name() + " --json`",
+                                        {&report::schema_of<Reports>...}};
+}
 
 /// The text member `key` of untrusted JSON, or `otherwise` if there is none.
 [[nodiscard]] std::string text_of(const nlohmann::json& json, const char* key,
@@ -151,8 +174,8 @@ void add_state(CLI::App& command, const char* name, std::string& state, const ch
 /// Whether the path is an address, or that of a file that is a field by its name or its bytes.
 [[nodiscard]] bool is_field(const std::string& path);
 
-/// The requests and bytes of all remote fields so far; null if none was opened.
-[[nodiscard]] nlohmann::json traffic_json();
+/// The requests and bytes of all remote fields so far; none if none was opened.
+[[nodiscard]] std::optional<RemoteTraffic> traffic();
 
 // ---- progress and signals ----------------------------------------------------------------------
 

@@ -15,6 +15,16 @@ struct CompareArguments {
   bool force = false, json = false;
 };
 
+struct Compared {
+  ImageDifference difference{};
+
+  template <class Member>
+  void describe(Member& member) const {
+    difference.describe(member);
+    member("equal", !std::isfinite(difference.psnr), "every pixel is the same");
+  }
+};
+
 Result<void> run_compare(const CompareArguments& arguments) {
   if (!arguments.diff.empty())
     SLF_TRY(refuse_overwrite(arguments.diff, arguments.force, {arguments.a, arguments.b}));
@@ -27,8 +37,7 @@ Result<void> run_compare(const CompareArguments& arguments) {
   if (!arguments.diff.empty())
     SLF_TRY(write_image(arguments.diff, difference(a, b, arguments.gain)));
   if (arguments.json)
-    print_json(
-        {{"psnr", finite_or_null(d.psnr)}, {"ssim", d.ssim}, {"equal", !std::isfinite(d.psnr)}});
+    print_json(Compared{d});
   else
     print("PSNR {:.2f} dB  SSIM {:.4f}\n", d.psnr, d.ssim);
   if (arguments.min_psnr && d.psnr < *arguments.min_psnr)
@@ -52,7 +61,7 @@ void add_compare(CLI::App& app, Run& run) {
   add_number(*command, "--min-psnr", a->min_psnr, "Exit with 7 if the PSNR is below this",
              kNotNegative);
   command->add_flag("-f,--force", a->force, "Overwrite the difference picture");
-  command->add_flag("--json", a->json, "JSON on stdout");
+  add_json<Compared>(*command, a->json);
 }
 
 }  // namespace slf::cli

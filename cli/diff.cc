@@ -13,33 +13,7 @@ struct DiffArguments {
   bool json = false;
 };
 
-std::string tile_name(const Field& field, const std::optional<TileKey>& key) {
-  if (!key) return "";
-  const std::uint64_t state = state_of(*key);
-  return to_string(address_of(field, in_state(*key, 0))) +
-         (state > 0 ? " of state " + field.states()[state] : "");
-}
-
-nlohmann::json difference_json(const Field& field, const FieldDifference& difference) {
-  nlohmann::json channels = nlohmann::json::array();
-  for (const ChannelDifference& c : difference.channels)
-    channels.push_back(
-        {{"channel", c.channel},
-         {"tiles_compared", c.compared},
-         {"tiles_only_in_a", c.only_in_a},
-         {"tiles_only_in_b", c.only_in_b},
-         {"tiles_recoded", c.recoded},
-         {"tiles_differing", c.differing},
-         {"psnr", finite_or_null(c.psnr)},
-         {"worst_psnr", finite_or_null(c.worst_psnr)},
-         {"worst_tile", c.worst ? nlohmann::json(tile_name(field, c.worst)) : nlohmann::json()}});
-  return {{"equal", difference.equal()},
-          {"comparable", difference.comparable},
-          {"manifest", difference.manifest},
-          {"channels", channels}};
-}
-
-void print_difference(const Field& field, const FieldDifference& difference) {
+void print_difference(const FieldDifference& difference) {
   for (const std::string& place : difference.manifest) print("manifest: {} differs\n", place);
   if (!difference.comparable) print("tiles: not compared, because they sample other rays\n");
   for (const ChannelDifference& c : difference.channels) {
@@ -50,7 +24,7 @@ void print_difference(const Field& field, const FieldDifference& difference) {
             c.only_in_b);
     if (c.differing > 0)
       print("{}: PSNR {:.2f} dB, {:.2f} dB in the worst tile, {}\n", c.channel, c.psnr,
-            c.worst_psnr, tile_name(field, c.worst));
+            c.worst_psnr, *c.worst_name);
   }
 }
 
@@ -62,9 +36,9 @@ Result<void> run_diff(const DiffArguments& arguments) {
   const auto difference =
       SLF_TRY(diff_fields(a, b, options, progress_bar("diff", "tiles", OnSignal::end)));
   if (arguments.json)
-    print_json(difference_json(a, difference));
+    print_json(difference);
   else
-    print_difference(a, difference);
+    print_difference(difference);
   const bool passed =
       arguments.min_psnr ? difference.alike(*arguments.min_psnr) : difference.equal();
   if (passed) return {};
@@ -88,7 +62,7 @@ void add_diff(CLI::App& app, Run& run) {
             "The state of A: its name or number, from 0; default:\nall, and all of B");
   add_state(*command, "--state-b", a->b.state, "The state of B");
   add_threads(*command, a->diff.threads);
-  command->add_flag("--json", a->json, "JSON on stdout");
+  add_json<FieldDifference>(*command, a->json);
 }
 
 }  // namespace slf::cli

@@ -62,33 +62,91 @@ nlohmann::json recipe_json(const Field& field) {
   return recipe;
 }
 
-nlohmann::json vec3_json(const glm::dvec3& v) { return {v.x, v.y, v.z}; }
-
 std::string spaced(const std::string& unit) { return unit.empty() ? "" : " " + unit; }
 
-nlohmann::json field_json(const Field& field, const FieldContent& content) {
-  const FieldShape& shape = field.shape();
-  nlohmann::json levels = nlohmann::json::array();
-  for (const LevelContent& level : content.levels) {
-    levels.push_back({{"level", level.level},
-                      {"entry_resolution", shape.entry_resolution(level.level)},
-                      {"exit_resolution", shape.exit_resolution(level.level)},
-                      {"tiles", level.tiles},
-                      {"stored", level.stored},
-                      {"empty", level.empty},
-                      {"slabs", level.slabs},
-                      {"payload_bytes", level.payload_bytes}});
-    if (!field.states().empty()) levels.back()["same"] = level.same;
+struct SphereInfo {
+  glm::dvec3 center{0.0};
+  double radius = 0;
+
+  template <class Member>
+  void describe(Member& member) const {
+    member("center", center, "world units");
+    member("radius", radius, "world units", R"("minimum": 0)");
   }
-  nlohmann::json json = nlohmann::json::parse(field.manifest());
-  json["file_bytes"] = content.file_bytes;
-  json["payload_bytes"] = content.payload_bytes;
-  json["entry_resolution"] = shape.entry_resolution(shape.levels);
-  json["exit_resolution"] = shape.exit_resolution(shape.levels);
-  json["levels"] = levels;
-  json["complete"] = content.complete;
-  return json;
-}
+};
+struct VersionInfo {
+  unsigned major = 0, minor = 0;
+
+  template <class Member>
+  void describe(Member& member) const {
+    member("major", major, "version of the format");
+    member("minor", minor, "version of the format");
+  }
+};
+struct StateInfo {
+  std::string name{};
+  nlohmann::json provenance{};
+
+  template <class Member>
+  void describe(Member& member) const {
+    member("name", name, "");
+    member("provenance", &provenance,
+           "what differs from that of the field: a merge patch (RFC 7386)", R"("type": "object")");
+  }
+};
+struct PartInfo {
+  std::array<std::uint64_t, 2> begin{}, end{};
+
+  template <class Member>
+  void describe(Member& member) const {
+    member("begin", begin, "level and index");
+    member("end", end, "level and index");
+  }
+};
+
+/// The manifest of a field, and what the file has of it.
+struct FieldInfo {
+  nlohmann::json manifest = nlohmann::json::object();
+  FieldContent content{};
+  std::uint32_t entry_resolution = 0, exit_resolution = 0;
+
+  template <class T>
+  [[nodiscard]] report::Typed<T> typed(const char* name) const {
+    return {manifest.value(name, nlohmann::json())};
+  }
+  template <class Member>
+  void describe(Member& member) const {
+    constexpr const char* kPositive = R"("minimum": 1)";
+    const auto if_stated = [&](const char* name, const auto& value, const char* help) {
+      member(name, value.value.is_null() ? nullptr : &value, help);
+    };
+    member("slf", typed<VersionInfo>("slf"), "");
+    member("required", typed<std::vector<std::string>>("required"),
+           "features that a reader must know");
+    member("sphere", typed<SphereInfo>("sphere"), "");
+    member("entry_depth", typed<unsigned>("entry_depth"),
+           "how much deeper the entry side is split than the exit side");
+    member("entry_side", typed<unsigned>("entry_side"),
+           "cells along an octsphere's edge at level 0", kPositive);
+    member("exit_side", typed<unsigned>("exit_side"), "cells along an octsphere's edge at level 0",
+           kPositive);
+    if_stated("filtered_levels", typed<unsigned>("filtered_levels"),
+              "how many levels, from 0 on, hold means of rays");
+    if_stated("subfields", typed<std::vector<unsigned>>("subfields"),
+              "kept subfields, 8 × entry octant + exit octant; absent: all");
+    member("format", typed<std::string>("format"), "of a sample",
+           R"("enum": ["rgba8", "rgba16f", "rgba8_depth8", "rgba16f_depth8"])");
+    member("codec", typed<std::string>("codec"), "specification, as jpeg:75");
+    member("provenance", typed<nlohmann::json>("provenance"),
+           "source and settings of the build; free form", R"("type": "object")");
+    if_stated("states", typed<std::vector<StateInfo>>("states"),
+              "variants of the object; absent: one, without a name");
+    if_stated("part", typed<PartInfo>("part"), "the tiles that the file is to hold; absent: all");
+    member("entry_resolution", entry_resolution, "of the finest level", kPositive);
+    member("exit_resolution", exit_resolution, "of the finest level", kPositive);
+    content.describe(member);
+  }
+};
 
 void print_field(const Field& field, const FieldContent& content) {
   const FieldShape& shape = field.shape();
@@ -120,34 +178,43 @@ void print_field(const Field& field, const FieldContent& content) {
   std::vector<std::string> rows{"level\tlattice\ttiles\tstored\tempty\tslabs\tpayload"};
   if (!states.empty()) rows[0] += "\tsame";
   for (const LevelContent& level : content.levels) {
-    rows.push_back(fmt::format(
-        "{}\t{}/{}\t{}\t{}\t{}\t{}\t{}", level.level, shape.entry_resolution(level.level),
-        shape.exit_resolution(level.level), level.tiles, level.stored, level.empty,
-        human_count(level.slabs), human_bytes(level.payload_bytes)));
-    if (!states.empty()) rows.back() += fmt::format("\t{}", level.same);
+    rows.push_back(fmt::format("{}\t{}/{}\t{}\t{}\t{}\t{}\t{}", level.level, level.entry_resolution,
+                               level.exit_resolution, level.tiles, level.stored, level.empty,
+                               human_count(level.slabs), human_bytes(level.payload_bytes)));
+    if (level.same) rows.back() += fmt::format("\t{}", *level.same);
   }
   print_table(rows);
 }
 
-nlohmann::json volume_json(const Volume& volume) {
-  const auto range = volume.value_range();
-  return {
-      {"source", volume.source},
-      {"dims", volume.dims},
-      {"type", name(volume.type)},
-      {"spacing", vec3_json(volume.spacing())},
-      {"origin", vec3_json(volume.origin)},
-      {"axes", {vec3_json(volume.axes[0]), vec3_json(volume.axes[1]), vec3_json(volume.axes[2])}},
-      {"world", volume.patient_axes ? "LPS" : "xyz"},
-      {"unit", volume.unit},
-      {"slope", volume.slope},
-      {"intercept", volume.intercept},
-      {"range", {range[0], range[1]}},
-      {"labels", volume.labels},
-      {"looks_like_labels", !volume.labels && looks_like_labels(volume)},
-      {"placement", volume.placement},
-      {"notes", volume.notes}};
-}
+struct VolumeInfo {
+  Volume volume{};
+  std::array<double, 2> range{};
+  std::vector<VolumeSeries> series{};
+
+  template <class Member>
+  void describe(Member& member) const {
+    const auto& axes = volume.axes;
+    member("source", volume.source, "path");
+    member("dims", volume.dims, "voxels along x, y, z",
+           R"("items": {"type": "integer", "minimum": 1})");
+    member("type", name(volume.type), "of a voxel");
+    member("spacing", volume.spacing(), "world units");
+    member("origin", volume.origin, "centre of the first voxel, world units");
+    member("axes", std::array{axes[0], axes[1], axes[2]}, "of x, y, z: world units per voxel");
+    member("world", volume.patient_axes ? "LPS" : "xyz",
+           "coordinate system: LPS if the file states the patient's axes",
+           R"("enum": ["LPS", "xyz"])");
+    member("unit", volume.unit, "of world coordinates, as mm; empty if the file does not state it");
+    member("slope", volume.slope, "value = slope × voxel + intercept");
+    member("intercept", volume.intercept, "value = slope × voxel + intercept");
+    member("range", range, "least and largest value", R"("items": {"type": ["number", "null"]})");
+    member("labels", volume.labels, "voxels are ids");
+    member("looks_like_labels", !volume.labels && looks_like_labels(volume), "they may be ids");
+    member("placement", volume.placement, "what placed the volume in the world; may be empty");
+    member("notes", volume.notes, "what is worth knowing about the file");
+    member("series", series.empty() ? nullptr : &series, "DICOM series of the folder");
+  }
+};
 
 /// The corners of the box around all vertices.
 std::pair<glm::dvec3, glm::dvec3> box_of(const Mesh& mesh) {
@@ -177,24 +244,39 @@ void print_volume(const Volume& volume) {
     print("note    {}; {}\n", kLabelsHint, hint_of("labels"));
 }
 
-nlohmann::json mesh_json(const Mesh& mesh) {
-  const auto [low, high] = box_of(mesh);
-  nlohmann::json textures = nlohmann::json::array();
-  for (const MeshTexture& t : mesh.textures)
-    textures.push_back({{"name", t.name}, {"width_pixels", t.width}, {"height_pixels", t.height}});
-  return {{"source", mesh.source},
-          {"triangles", mesh.triangles.size()},
-          {"vertices", mesh.positions.size()},
-          {"materials", mesh.materials.size()},
-          {"textures", textures},
-          {"normals", !mesh.normals.empty()},
-          {"colors", !mesh.colors.empty()},
-          {"low", vec3_json(low)},
-          {"high", vec3_json(high)},
-          {"content", content_hash(mesh)},
-          {"files", mesh.files},
-          {"notes", mesh.notes}};
-}
+struct TextureInfo {
+  std::string name{};
+  std::uint32_t width = 0, height = 0;
+
+  template <class Member>
+  void describe(Member& member) const {
+    member("name", name, "");
+    member("width_pixels", width, "");
+    member("height_pixels", height, "");
+  }
+};
+struct MeshInfo {
+  Mesh mesh{};
+  std::pair<glm::dvec3, glm::dvec3> box{};
+
+  template <class Member>
+  void describe(Member& member) const {
+    std::vector<TextureInfo> textures;
+    for (const MeshTexture& t : mesh.textures) textures.push_back({t.name, t.width, t.height});
+    member("source", mesh.source, "the path");
+    member("triangles", mesh.triangles.size(), "");
+    member("vertices", mesh.positions.size(), "");
+    member("materials", mesh.materials.size(), "");
+    member("textures", textures, "");
+    member("normals", !mesh.normals.empty(), "whether the file has normals");
+    member("colors", !mesh.colors.empty(), "whether vertices have colours");
+    member("low", box.first, "corner of the box, world units");
+    member("high", box.second, "corner of the box, world units");
+    member("content", content_hash(mesh), "hash of everything that shows");
+    member("files", mesh.files, "");
+    member("notes", mesh.notes, "");
+  }
+};
 
 void print_mesh(const Mesh& mesh) {
   const auto [low, high] = box_of(mesh);
@@ -210,23 +292,17 @@ void print_mesh(const Mesh& mesh) {
         mesh.normals.empty() ? "none in the file: made smooth below 60 degrees" : "of the file");
 }
 
-nlohmann::json series_json(const SeriesList& list) {
-  nlohmann::json json = nlohmann::json::array();
-  for (const VolumeSeries& series : list.series) {
-    json.push_back({{"id", series.id},
-                    {"uid", series.uid},
-                    {"number", series.number},
-                    {"description", series.description},
-                    {"modality", series.modality},
-                    {"slices", series.slices},
-                    {"dims", series.dims},
-                    {"type", name(series.type)},
-                    {"components", series.components},
-                    {"times", series.times}});
-    if (!series.problem.empty()) json.back()["problem"] = series.problem;
+struct SeriesInfo {
+  std::string source{};
+  SeriesList list{};
+
+  template <class Member>
+  void describe(Member& member) const {
+    member("source", source, "path");
+    member("series", list.series, "DICOM series of the folder");
+    member("notes", list.notes, "files that cannot be read");
   }
-  return json;
-}
+};
 
 void print_series(const std::string& folder, const SeriesList& list) {
   print("{}: {} DICOM series, see --series\n", folder, list.series.size());
@@ -250,10 +326,10 @@ void print_series(const std::string& folder, const SeriesList& list) {
 
 /// How many cameras there are in each direction from the middle of what they look at: 24 x 8 cells
 /// of equal area, azimuth to the right, from above to below.
-std::vector<std::vector<int>> coverage_map(const PictureSet& set) {
+std::vector<std::vector<unsigned>> coverage_map(const PictureSet& set) {
   constexpr int kColumns = 24, kRows = 8;
   const glm::dvec3 center = focus_of(set.pictures).value_or(glm::dvec3(0));
-  std::vector<std::vector<int>> counts(kRows, std::vector<int>(kColumns, 0));
+  std::vector<std::vector<unsigned>> counts(kRows, std::vector<unsigned>(kColumns, 0));
   for (const Picture& picture : set.pictures) {
     const glm::dvec3 toward = picture.eye - center;
     const double length = glm::length(toward);
@@ -268,10 +344,30 @@ std::vector<std::vector<int>> coverage_map(const PictureSet& set) {
   return counts;
 }
 
-Result<void> print_pictures(const SourceArguments& source, bool json) {
-  const auto set = SLF_TRY(read_pictures(source));
-  std::map<std::string, int> sizes, lenses;
+struct PicturesInfo {
+  PictureSet set{};
+  std::map<std::string, unsigned> sizes{}, lenses{};
   std::size_t masks = 0, depths = 0;
+
+  template <class Member>
+  void describe(Member& member) const {
+    member("source", set.source, "the file or folder of cameras");
+    member("pictures", set.pictures.size(), "how many", R"("minimum": 1)");
+    member("sizes", sizes, "pictures of each size, as 800x600");
+    member("lenses", lenses, "pictures of each kind of lens: pinhole, distorted, fisheye");
+    member("mask_files", masks, "pictures with a mask of their own");
+    member("depth_files", depths, "pictures with a picture of depths");
+    member("points", set.points.size(), "points of the object that the source states");
+    member("coverage", coverage_map(set),
+           "cameras in each direction: a row for each of 8 cells from +z to -z, with 24 cells of "
+           "azimuth from -180 degrees");
+    member("notes", set.notes, "what people should know");
+  }
+};
+
+Result<void> print_pictures(const SourceArguments& source, bool json) {
+  PicturesInfo info{SLF_TRY(read_pictures(source))};
+  auto& [set, sizes, lenses, masks, depths] = info;
   for (const Picture& picture : set.pictures) {
     const Lens& lens = picture.lens;
     ++sizes[fmt::format("{}x{}", lens.width, lens.height)];
@@ -280,18 +376,10 @@ Result<void> print_pictures(const SourceArguments& source, bool json) {
     depths += !picture.depth.empty();
   }
   if (json) {
-    print_json({{"source", set.source},
-                {"pictures", set.pictures.size()},
-                {"sizes", sizes},
-                {"lenses", lenses},
-                {"mask_files", masks},
-                {"depth_files", depths},
-                {"points", set.points.size()},
-                {"coverage", coverage_map(set)},
-                {"notes", set.notes}});
+    print_json(info);
     return {};
   }
-  const auto list = [](const std::map<std::string, int>& counts) {
+  const auto list = [](const std::map<std::string, unsigned>& counts) {
     return joined(counts, ", ", [](const auto& of) { return concat(of.second, " ", of.first); });
   };
   print("{}: {} pictures with cameras\n", set.source, set.pictures.size());
@@ -300,9 +388,9 @@ Result<void> print_pictures(const SourceArguments& source, bool json) {
   print("files   {} masks and {} depths beside the pictures\n", masks, depths);
   if (!set.points.empty()) print("points  {}\n", set.points.size());
   print("cameras seen from the object, from +z above to -z below, azimuth from -180 to 180:\n");
-  for (const std::vector<int>& row : coverage_map(set)) {
+  for (const auto& row : coverage_map(set)) {
     std::string line;
-    for (const int count : row)
+    for (const unsigned count : row)
       line += count == 0 ? '.' : count < 10 ? static_cast<char>('0' + count) : '+';
     print("        {}\n", line);
   }
@@ -323,10 +411,11 @@ Result<void> run_info(const InfoArguments& arguments) {
   if (source.is_pictures()) return print_pictures(source, arguments.json);
   if (!is_field(input)) {
     if (is_mesh_name(input)) {
-      const Mesh mesh = SLF_TRY(read_mesh(input, source.up_axis));
+      Mesh mesh = SLF_TRY(read_mesh(input, source.up_axis));
       for (const std::string& remark : mesh.notes) note(input + ": " + remark);
+      const auto box = box_of(mesh);
       if (arguments.json)
-        print_json(mesh_json(mesh));
+        print_json(MeshInfo{std::move(mesh), box});
       else
         print_mesh(mesh);
       return {};
@@ -334,32 +423,34 @@ Result<void> run_info(const InfoArguments& arguments) {
     const SeriesList list = series_of(input);
     if (list.series.size() > 1 && !source.reading.series) {
       if (arguments.json)
-        print_json({{"source", input}, {"series", series_json(list)}, {"notes", list.notes}});
+        print_json(SeriesInfo{input, list});
       else
         print_series(input, list);
       return {};
     }
-    const auto volume = SLF_TRY(hinted(read_volume(source)));
-    if (arguments.json) {
-      nlohmann::json json = volume_json(volume);
-      if (!list.series.empty()) json["series"] = series_json(list);
-      print_json(json);
-    } else {
+    auto volume = SLF_TRY(hinted(read_volume(source)));
+    const auto range = volume.value_range();
+    if (arguments.json)
+      print_json(VolumeInfo{std::move(volume), range, list.series});
+    else
       print_volume(volume);
-    }
     return {};
   }
   const auto field = SLF_TRY(open_field(input, arguments.state));
   if (arguments.recipe) {
-    print_json(recipe_json(field));
+    print_document(recipe_json(field));
     return {};
   }
   const auto whole = SLF_TRY(FieldFile::open(field.file().store(), FieldFile::kAllStates));
   const auto content = SLF_TRY(arguments.state.empty() ? whole->content() : field.content());
-  if (arguments.json)
-    print_json(field_json(field, content));
-  else
+  if (arguments.json) {
+    const FieldShape& shape = field.shape();
+    const FieldInfo info{nlohmann::json::parse(field.manifest()), content,
+                         shape.entry_resolution(shape.levels), shape.exit_resolution(shape.levels)};
+    print_json(info);
+  } else {
     print_field(field, content);
+  }
   if (!content.complete) note(input + ": incomplete; the build command that made it resumes it");
   return {};
 }
@@ -376,7 +467,7 @@ void add_info(CLI::App& app, Run& run) {
       ->required();
   add_state(*command, "--state", a->state, "Of a field: count the tiles of this state only");
   a->source.add_to(*command, [](const auto& o) { return o.use == recipe::Use::reading; });
-  command->add_flag("--json", a->json, "JSON on stdout");
+  add_json<FieldInfo, VolumeInfo, SeriesInfo, PicturesInfo, MeshInfo>(*command, a->json);
   command->add_flag("--recipe", a->recipe,
                     "Of a field: the recipe that `slf build` makes it of, as JSON; files by their\n"
                     "names alone");

@@ -14,16 +14,6 @@ struct LsArguments {
   bool json = false;
 };
 
-/// A tile as JSON, formatted as text: nlohmann's objects would take ten times as long for a million
-/// tiles.
-std::string tile_json(const ListedTile& tile) {
-  return fmt::format(
-      R"({{"tile": "{}", "level": {}, "index": {}, "entry": {}, "exit": {}, "subfield": {}, )"
-      R"("state": "{}", "payload_bytes": {}, "offset_bytes": {}}})",
-      to_string(tile.address), tile.address.level, tile.key.index, tile.address.entry,
-      tile.address.exit, tile.subfield, name(tile.state), tile.payload_bytes, tile.offset_bytes);
-}
-
 Result<void> run_ls(const LsArguments& a) {
   const auto field = SLF_TRY(a.field.open());
   TileFilter filter = a.filter;
@@ -33,7 +23,7 @@ Result<void> run_ls(const LsArguments& a) {
   const char* before = "[\n";
   SLF_TRY(list_tiles(field, filter, [&](const ListedTile& tile) -> Result<void> {
     if (a.json) {
-      print_text(before + tile_json(tile));
+      print_text(before + report::line_of(tile));
       before = ",\n";
     } else {
       print("{}\t{}\t{}\t{}\t{}\t{}\n", to_string(tile.address), name(tile.state),
@@ -60,7 +50,7 @@ of levels and indexes.)");
   add_levels(*command, "--level", a->levels, "Only tiles of these levels");
   add_subfields(*command, a->subfields, "Only tiles of these level-0 subfields");
   command->add_flag("--missing", a->filter.missing, "Also tiles that the field lacks");
-  command->add_flag("--json", a->json, "JSON on stdout");
+  add_json<std::vector<ListedTile>>(*command, a->json);
 }
 
 }  // namespace slf::cli

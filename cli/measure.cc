@@ -23,24 +23,10 @@ struct ViewsArguments {
   }
 };
 
+constexpr const char* kPositive = R"("minimum": 1)";
 constexpr unsigned kAllLevels = DrawArguments::kFinest - 1;
 const CLI::Validator kDistance = above(1, 1e6);
 constexpr const char* kDistanceHelp = "Eye's distance from the centre, in sphere radii";
-
-nlohmann::json mean_and_max_json(const MeanAndMax& s) { return {{"mean", s.mean}, {"max", s.max}}; }
-
-nlohmann::json level_json(const LevelMeasure& m) {
-  return {{"tiles", m.tiles},
-          {"tiles_touched", mean_and_max_json(m.tiles_touched)},
-          {"pairs_crossed", mean_and_max_json(m.pairs_crossed)},
-          {"compressed_bytes", mean_and_max_json(m.compressed_bytes)},
-          {"map_pages", mean_and_max_json(m.map_pages)},
-          {"cached_pages", mean_and_max_json(m.cached_pages)},
-          {"mapped_pages", mean_and_max_json(m.mapped_pages)},
-          {"decoded_peak_bytes", mean_and_max_json(m.decoded_peak_bytes)},
-          {"fraction", mean_and_max_json(m.fraction)},
-          {"pair_fraction", mean_and_max_json(m.pair_fraction)}};
-}
 
 struct MeasureArguments {
   std::vector<std::string> fields;
@@ -53,14 +39,33 @@ struct MeasureArguments {
   bool json = false;
 };
 
-nlohmann::json levels_json(const std::vector<LevelMeasure>& measured) {
-  nlohmann::json levels = nlohmann::json::array();
-  for (const LevelMeasure& level : measured) {
-    levels.push_back(level_json(level));
-    levels.back()["level"] = level.level;
+/// What views drawn in one way needed.
+struct MeasuredRun {
+  std::string field{}, codec{}, mode{};
+  std::uint32_t views = 0, width_pixels = 0, height_pixels = 0;
+  double distance_radii = 0;
+  Measurement measured{};
+
+  template <class Member>
+  void describe(Member& member) const {
+    member("field", field, "path");
+    member("codec", codec, "of the field");
+    member("views", views, "random views", kPositive);
+    member("mode", mode, "of drawing");
+    member("width_pixels", width_pixels, "of the pictures", kPositive);
+    member("height_pixels", height_pixels, "of the pictures", kPositive);
+    member("distance_radii", distance_radii, "of the eye from the centre", R"("minimum": 0)");
+    measured.describe(member);
   }
-  return levels;
-}
+};
+struct Measured {
+  std::vector<MeasuredRun> runs{};
+
+  template <class Member>
+  void describe(Member& member) const {
+    member("runs", runs, "one for each setting");
+  }
+};
 
 void print_measurement(const Measurement& m) {
   std::vector<std::string> rows{
@@ -79,7 +84,7 @@ void print_measurement(const Measurement& m) {
         100 * l.fraction.mean, bytes(l.compressed_bytes), l.map_pages.mean, l.map_pages.max,
         pages(l.cached_pages), pages(l.mapped_pages), bytes(l.decoded_peak_bytes)));
   };
-  for (const LevelMeasure& level : m.levels) add(fmt::format("{}", level.level), level);
+  for (const LevelMeasure& level : m.levels) add(fmt::format("{}", *level.level), level);
   if (m.levels.size() > 1) add("total", m.total);
   print_table(rows);
   print("process peak: {} anonymous, {} mapped files\n", human_bytes(m.rss_anon_peak),
@@ -87,7 +92,7 @@ void print_measurement(const Measurement& m) {
 }
 
 Result<void> run_measure(const MeasureArguments& a) {
-  nlohmann::json runs = nlohmann::json::array();
+  Measured measured;
   for (const std::string& path : a.fields) {
     const auto field = SLF_TRY(a.draw.open({path, a.state}));
     const std::vector<RenderMode> modes =
@@ -106,18 +111,8 @@ Result<void> run_measure(const MeasureArguments& a) {
           const auto m = SLF_TRY(
               measure_views(field, options, progress_bar("measure", "views", OnSignal::end)));
 
-          runs.push_back({{"field", path},
-                          {"codec", field.codec()},
-                          {"views", a.views.views},
-                          {"mode", name(view.mode)},
-                          {"width_pixels", size.width},
-                          {"height_pixels", size.height},
-                          {"distance_radii", distance},
-                          {"levels", levels_json(m.levels)},
-                          {"total", level_json(m.total)},
-                          {"kernel_counted", m.kernel_counted},
-                          {"rss_anon_peak_bytes", m.rss_anon_peak},
-                          {"rss_file_peak_bytes", m.rss_file_peak}});
+          measured.runs.push_back({path, field.codec(), name(view.mode), a.views.views, size.width,
+                                   size.height, distance, m});
           if (a.json) continue;
           print("{} ({}): {} random views, {} pixels, eye at {} R, mode {}; mean (max)\n", path,
                 field.codec(), a.views.views, to_string(size), distance, name(view.mode));
@@ -125,7 +120,7 @@ Result<void> run_measure(const MeasureArguments& a) {
           std::fflush(stdout);  // a signal ends the next one
         }
   }
-  if (a.json) print_json({{"runs", runs}});
+  if (a.json) print_json(measured);
   return {};
 }
 
@@ -139,6 +134,45 @@ struct EvaluateArguments {
   std::string pictures;  // empty: compare with the volume, or with pictures that were held out
   DrawArguments draw;
   bool json = false;
+};
+
+/// Views of a field beside those of its scene.
+struct EvaluatedViews {
+  ViewOptions view{};
+  std::uint32_t views = 0, width_pixels = 0, height_pixels = 0, supersample = 0;
+  std::uint64_t seed = 0, file_bytes = 0;
+  Evaluation evaluation{};
+
+  template <class Member>
+  void describe(Member& member) const {
+    member("views", views, "random views", kPositive);
+    member("mode", name(view.mode), "of drawing");
+    member("level", view.level, "drawn");
+    member("width_pixels", width_pixels, "of the pictures", kPositive);
+    member("height_pixels", height_pixels, "of the pictures", kPositive);
+    member("seed", seed, "of the views");
+    member("supersample", supersample, "rays along a pixel's edge in the truth", kPositive);
+    evaluation.describe(member);
+    member("file_bytes", file_bytes, "of the field");
+  }
+};
+
+/// Views of a field beside pictures.
+struct EvaluatedPictures {
+  ViewOptions view{};
+  std::vector<PictureQuality> pictures{};
+  PictureQuality mean{};
+  std::uint64_t file_bytes = 0;
+
+  template <class Member>
+  void describe(Member& member) const {
+    member("pictures", pictures.size(), "how many", kPositive);
+    member("mode", name(view.mode), "of drawing");
+    member("level", view.level, "drawn");
+    mean.describe_means(member);
+    member("per_view", pictures, "in the order of the pictures");
+    member("file_bytes", file_bytes, "of the field");
+  }
 };
 
 /// The pictures that the option names; of those that the field was built from, the ones held out.
@@ -167,8 +201,8 @@ Result<void> evaluate_with_pictures(const EvaluateArguments& a, const Field& fie
   const auto qualities =
       SLF_TRY(evaluate_pictures(field, pictures, view, a.draw.renderer(),
                                 progress_bar("evaluate", "pictures", OnSignal::end)));
-  nlohmann::json per_view = nlohmann::json::array();
-  ViewQuality whole, inside;
+  EvaluatedPictures all{view, qualities, {}, field.file_bytes()};
+  auto& [unnamed, whole, inside] = all.mean;
   std::vector<std::string> rows{"picture\tPSNR\tSSIM\tPSNR inside\tSSIM inside"};
   const auto count = static_cast<double>(qualities.size());
   for (const PictureQuality& q : qualities) {
@@ -178,22 +212,9 @@ Result<void> evaluate_with_pictures(const EvaluateArguments& a, const Field& fie
     inside.ssim += q.inside.ssim / count;
     rows.push_back(fmt::format("{}\t{:.2f}\t{:.4f}\t{:.2f}\t{:.4f}", q.name, q.whole.psnr,
                                q.whole.ssim, q.inside.psnr, q.inside.ssim));
-    per_view.push_back({{"picture", q.name},
-                        {"psnr", finite_or_null(q.whole.psnr)},
-                        {"ssim", q.whole.ssim},
-                        {"psnr_inside", finite_or_null(q.inside.psnr)},
-                        {"ssim_inside", q.inside.ssim}});
   }
   if (a.json) {
-    print_json({{"pictures", qualities.size()},
-                {"mode", name(view.mode)},
-                {"level", view.level},
-                {"psnr", finite_or_null(whole.psnr)},
-                {"ssim", whole.ssim},
-                {"psnr_inside", finite_or_null(inside.psnr)},
-                {"ssim_inside", inside.ssim},
-                {"per_view", per_view},
-                {"file_bytes", field.file_bytes()}});
+    print_json(all);
     return {};
   }
   print_table(rows);
@@ -225,27 +246,13 @@ Result<void> run_evaluate(const EvaluateArguments& a) {
                     "compare two different objects",
                     field.path(), evaluation.differs));
 
-  const std::uint64_t bytes = field.file_bytes();
   if (a.json) {
-    nlohmann::json per_view = nlohmann::json::array();
-    for (const ViewQuality& v : evaluation.views)
-      per_view.push_back({{"psnr", finite_or_null(v.psnr)}, {"ssim", v.ssim}});
-    print_json({{"views", a.views.views},
-                {"mode", name(view.mode)},
-                {"level", view.level},
-                {"width_pixels", a.size.width},
-                {"height_pixels", a.size.height},
-                {"seed", a.views.seed},
-                {"supersample", a.supersample},
-                {"psnr", finite_or_null(evaluation.psnr)},
-                {"ssim", evaluation.ssim},
-                {"per_view", per_view},
-                {"same_source", evaluation.differs.empty()},
-                {"file_bytes", bytes}});
+    print_json(EvaluatedViews{view, a.views.views, a.size.width, a.size.height, a.supersample,
+                              a.views.seed, field.file_bytes(), evaluation});
   } else {
     print("{}: mode {}, level {}: PSNR {:.2f} dB, SSIM {:.4f} (mean of {} views), {}\n",
-          a.field.path, name(view.mode), view.level, evaluation.psnr, evaluation.ssim,
-          a.views.views, human_bytes(bytes));
+          a.field.path, name(view.mode), view.level, evaluation.mean.psnr, evaluation.mean.ssim,
+          a.views.views, human_bytes(field.file_bytes()));
   }
   return {};
 }
@@ -268,7 +275,7 @@ void add_measure(CLI::App& app, Run& run) {
                                 "Picture size in pixels; one number for a square; or several"))
       ->delimiter(',')
       ->default_str("512x512");
-  command->add_flag("--json", a->json, "JSON on stdout");
+  add_json<Measured>(*command, a->json);
   const OptionGroup group(*command, "Drawing");
   choose(command->add_option("--mode", a->modes, "As for render; or several"), kRenderModes)
       ->delimiter(',');
@@ -324,7 +331,7 @@ void add_evaluate(CLI::App& app, Run& run) {
              "small and distant views need it",
              from_to(1, 16));
   a->draw.add_to(*command);
-  command->add_flag("--json", a->json, "JSON on stdout");
+  add_json<EvaluatedViews, EvaluatedPictures>(*command, a->json);
   command->callback([a, command, &run] {
     const auto unless_named = [&](const char* option, auto& value, const auto& otherwise) {
       if (a->source.reference && command->count(option) == 0) value = otherwise;

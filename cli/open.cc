@@ -6,7 +6,6 @@
 
 #include "base/try.h"
 #include "cli/command.h"
-#include "slf/remote.h"
 
 namespace slf::cli {
 #ifdef SLF_REMOTE
@@ -25,16 +24,16 @@ Result<Field> open_first_state(const std::string& path) {
 
 }  // namespace
 
-nlohmann::json traffic_json() {
-  if (remote_fields.empty()) return {};
+std::optional<RemoteTraffic> traffic() {
+  if (remote_fields.empty()) return std::nullopt;
   RemoteTraffic sum;
   for (const RemoteField& field : remote_fields) {
-    const RemoteTraffic traffic = field.traffic();
-    sum.requests += traffic.requests;
-    sum.repeated += traffic.repeated;
-    sum.bytes += traffic.bytes;
+    const RemoteTraffic one = field.traffic();
+    sum.requests += one.requests;
+    sum.repeated += one.repeated;
+    sum.bytes += one.bytes;
   }
-  return {{"requests", sum.requests}, {"repeated", sum.repeated}, {"bytes", sum.bytes}};
+  return sum;
 }
 #else
 namespace {
@@ -46,7 +45,7 @@ Result<Field> open_first_state(const std::string& path) {
 
 }  // namespace
 
-nlohmann::json traffic_json() { return {}; }
+std::optional<RemoteTraffic> traffic() { return std::nullopt; }
 #endif
 
 Result<Field> open_field(const std::string& path, const std::string& state) {

@@ -24,6 +24,7 @@ std::string scaled(double value, double base, const std::array<const char*, 5>& 
 }  // namespace
 
 bool quiet = false;
+std::map<std::string, OutputSchema> output_schemas;
 
 void reserve_standard_streams() {
   for (const int stream : {STDIN_FILENO, STDOUT_FILENO, STDERR_FILENO})
@@ -61,14 +62,9 @@ void note(const std::string& text) {
   if (!quiet) message(text);
 }
 
-void print_json(nlohmann::json json) {
-  if (nlohmann::json traffic = traffic_json(); !traffic.is_null() && json.is_object())
-    json["http"] = std::move(traffic);
+void print_document(nlohmann::json json) {
+  if (const auto sum = traffic(); sum && json.is_object()) json["http"] = report::json_of(*sum);
   print_text(json.dump(2, ' ', false, nlohmann::json::error_handler_t::replace) + "\n");
-}
-
-nlohmann::json finite_or_null(double value) {
-  return std::isfinite(value) ? nlohmann::json(value) : nlohmann::json();
 }
 
 std::string text_of(const nlohmann::json& json, const char* key, const std::string& otherwise) {

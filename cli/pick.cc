@@ -21,6 +21,29 @@ struct Arguments {
   bool json = false;
 };
 
+/// What a picture shows at a pixel.
+struct Picked {
+  std::array<double, 2> pixel{};
+  std::optional<PickedPoint> found{};
+  std::string unit{};
+
+  template <class Member>
+  void describe(Member& member) const {
+    const auto of_point = [&](auto part) {
+      return found ? std::optional((*found).*part) : std::nullopt;
+    };
+    member("pixel", pixel, "place in the picture, in pixels from its upper left corner");
+    member("point", of_point(&PickedPoint::point),
+           "what the picture shows there, in world units; null: it is less than half opaque");
+    member("depth", of_point(&PickedPoint::depth),
+           "distance of the point from the eye, in world units", R"("minimum": 0)");
+    member("uncertainty", of_point(&PickedPoint::uncertainty),
+           "standard deviation of the depth, in world units", R"("minimum": 0)");
+    member("unit", unit.empty() ? nullptr : &unit,
+           "of world coordinates, as mm; only if the file of the volume states it");
+  }
+};
+
 /// Reads a file with one X,Y a line. bad_file: a line is something else.
 Result<std::vector<std::array<double, 2>>> read_pixels(const std::string& path) {
   const auto bytes = SLF_TRY(read_file(path, kMaxPixelsFile));
@@ -51,16 +74,8 @@ Result<void> run_pick(const Arguments& a) {
   Renderer renderer(field, a.draw.renderer());
   for (const auto& [x, y] : pixels) {
     const auto found = SLF_TRY(pick(renderer, camera, x, y));
-    nlohmann::json json{
-        {"pixel", {x, y}}, {"point", nullptr}, {"depth", nullptr}, {"uncertainty", nullptr}};
-    if (!unit.empty()) json["unit"] = unit;
-    if (found) {
-      json["point"] = {found->point.x, found->point.y, found->point.z};
-      json["depth"] = found->depth;
-      json["uncertainty"] = found->uncertainty;
-    }
     if (a.json)
-      print("{}\n", json.dump());
+      print("{}\n", report::json_of(Picked{{x, y}, found, unit}).dump());
     else if (found)
       print("{},{}: {:.6g},{:.6g},{:.6g}  depth {:.6g} ± {:.2g}{}{}\n", x, y, found->point.x,
             found->point.y, found->point.z, found->depth, found->uncertainty,
@@ -85,7 +100,8 @@ void add_pick(CLI::App& app, Run& run) {
   add_file(*command, "--pixels", a->file, "A file with one X,Y a line")->excludes(pixel);
   a->camera.add_to(*command);
   a->draw.add_resources_to(*command);
-  command->add_flag("--json", a->json, "JSON on stdout, one object a line for each pixel");
+  add_json<Picked>(*command, a->json, "JSON on stdout, one object a line for each pixel");
+  output_schemas["pick"].lines = true;
 }
 
 }  // namespace slf::cli

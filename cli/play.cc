@@ -80,11 +80,90 @@ class FrameFiles {
   std::filesystem::path folder_;
 };
 
+/// What frames have in common.
+struct Summary {
+  std::size_t frames = 0, late = 0;
+  double mean_ms = 0, p95_ms = 0, worst_ms = 0;
+  double mean_full = 0, least_full = 1, hit_rate = 0;
+  std::uint64_t loads = 0, load_bytes = 0;
+  std::vector<double> level_shares{};
+  ResidentMemory peak{};
+
+  template <class Member>
+  void describe(Member& member) const {
+    constexpr const char* kNotNegative = R"("minimum": 0)";
+    member("frames", frames, "drawn");
+    member("late", late, "frames");
+    member("mean_ms", mean_ms, "milliseconds", kNotNegative);
+    member("p95_ms", p95_ms, "milliseconds", kNotNegative);
+    member("worst_ms", worst_ms, "milliseconds", kNotNegative);
+    member("full_share", mean_full, "pixels drawn at the full level, 0 to 1");
+    member("least_full_share", least_full, "of a frame");
+    member("level_shares", level_shares, "of the pixels, by the level that they were drawn from");
+    member("hit_rate", hit_rate, "tiles found in the cache, 0 to 1");
+    member("loads", loads, "tiles loaded");
+    member("load_bytes", load_bytes,
+           "of them, compressed, with tiles that were decoded to predict them");
+    member("rss_anon_peak_bytes", peak.anonymous, "anonymous memory");
+    member("rss_file_peak_bytes", peak.file, "mapped files");
+  }
+
+  Summary() = default;
+  Summary(const std::vector<FrameReport>& reports, double period) : frames(reports.size()) {
+    std::vector<double> ms;
+    std::uint64_t tiles = 0, misses = 0, hit = 0, full = 0;
+    for (const FrameReport& r : reports) {
+      ms.push_back(1000 * r.seconds);
+      late += r.seconds > period;
+      tiles += r.tiles, misses += r.misses;
+      hit += r.pixels_hit, full += r.pixels_full;
+      least_full = std::min(least_full, r.full_share());
+      loads += r.loads, load_bytes += r.load_bytes;
+      level_shares.resize(std::max(level_shares.size(), r.level_pixels.size()));
+      for (std::size_t level = 0; level < r.level_pixels.size(); ++level)
+        level_shares[level] += static_cast<double>(r.level_pixels[level]);
+    }
+    std::ranges::sort(ms);
+    mean_ms = std::accumulate(ms.begin(), ms.end(), 0.0) / static_cast<double>(frames);
+    p95_ms = ms[(frames - 1) * 95 / 100];
+    worst_ms = ms.back();
+    for (double& share : level_shares)
+      share /= static_cast<double>(std::max<std::uint64_t>(hit, 1));
+    mean_full = hit ? static_cast<double>(full) / static_cast<double>(hit) : 1;
+    hit_rate = tiles ? 1 - static_cast<double>(misses) / static_cast<double>(tiles) : 1;
+  }
+};
+
 /// The result of playing with one way of loading.
 struct PlayResult {
-  Loading loading;
-  std::vector<FrameReport> frames;
-  ResidentMemory peak;
+  Loading loading = Loading::ahead;
+  Summary summary{};
+  std::vector<FrameReport> frames{};
+
+  template <class Member>
+  void describe(Member& member) const {
+    member("loading", name(loading), "way of loading");
+    member("summary", summary, "");
+    member("frames", frames, "in order");
+  }
+};
+
+struct Played {
+  std::string field{};
+  double fps = 0;
+  PixelSize size{};
+  std::uint64_t memory_bytes = 0;
+  std::vector<PlayResult> runs{};
+
+  template <class Member>
+  void describe(Member& member) const {
+    member("field", field, "path");
+    member("fps", fps, "frames a second", R"("minimum": 0)");
+    member("width_pixels", size.width, "of the pictures", R"("minimum": 1)");
+    member("height_pixels", size.height, "of the pictures", R"("minimum": 1)");
+    member("memory_bytes", memory_bytes, "budget");
+    member("runs", runs, "one for each way of loading");
+  }
 };
 
 /// Sleeps until then. False: a signal asked to stop.
@@ -186,7 +265,8 @@ Result<PlayResult> play(const PlayArguments& a, const PlayOptions& options, Fram
   const auto states = SLF_TRY(states_to_play(a, field));
   StatePlayers players(field, states, play_options);
 
-  PlayResult played{options.loading, {}, {}};
+  PlayResult played{options.loading};
+  ResidentMemory peak;
   const auto frames = static_cast<std::size_t>(std::max(1.0, std::round(path.seconds() * a.fps)));
   const auto progress = progress_bar(fmt::format("Playing, loading {}", name(options.loading)),
                                      "frames", OnSignal::stop);
@@ -203,8 +283,8 @@ Result<PlayResult> play(const PlayArguments& a, const PlayOptions& options, Fram
     SLF_TRY(player->draw(camera_of(k), image, &played.frames.emplace_back()));
     due += std::chrono::duration_cast<Clock::duration>(period);
     const ResidentMemory now = resident_memory();
-    played.peak.anonymous = std::max(played.peak.anonymous, now.anonymous);
-    played.peak.file = std::max(played.peak.file, now.file);
+    peak.anonymous = std::max(peak.anonymous, now.anonymous);
+    peak.file = std::max(peak.file, now.file);
     if (!pictures || !pictures->enabled()) continue;
     const auto begin = Clock::now();
     SLF_TRY(map_tones(field, {}, /*display=*/true, image));
@@ -212,67 +292,9 @@ Result<PlayResult> play(const PlayArguments& a, const PlayOptions& options, Fram
     due += Clock::now() - begin;
   }
   (void)progress({frames, frames, 0});
+  if (!played.frames.empty()) played.summary = Summary(played.frames, 1 / a.fps);
+  played.summary.peak = peak;
   return played;
-}
-
-struct Summary {
-  std::size_t frames = 0, late = 0;
-  double mean_ms = 0, p95_ms = 0, worst_ms = 0;
-  double mean_full = 0, least_full = 1, hit_rate = 0;
-  std::uint64_t loads = 0, load_bytes = 0;
-  std::vector<double> level_shares;  // of the pixels, by the level that they were drawn from
-
-  Summary(const std::vector<FrameReport>& reports, double period) : frames(reports.size()) {
-    std::vector<double> ms;
-    std::uint64_t tiles = 0, misses = 0, hit = 0, full = 0;
-    for (const FrameReport& r : reports) {
-      ms.push_back(1000 * r.seconds);
-      late += r.seconds > period;
-      tiles += r.tiles, misses += r.misses;
-      hit += r.pixels_hit, full += r.pixels_full;
-      least_full = std::min(least_full, r.full_share());
-      loads += r.loads, load_bytes += r.load_bytes;
-      level_shares.resize(std::max(level_shares.size(), r.level_pixels.size()));
-      for (std::size_t level = 0; level < r.level_pixels.size(); ++level)
-        level_shares[level] += static_cast<double>(r.level_pixels[level]);
-    }
-    std::ranges::sort(ms);
-    mean_ms = std::accumulate(ms.begin(), ms.end(), 0.0) / static_cast<double>(frames);
-    p95_ms = ms[(frames - 1) * 95 / 100];
-    worst_ms = ms.back();
-    for (double& share : level_shares)
-      share /= static_cast<double>(std::max<std::uint64_t>(hit, 1));
-    mean_full = hit ? static_cast<double>(full) / static_cast<double>(hit) : 1;
-    hit_rate = tiles ? 1 - static_cast<double>(misses) / static_cast<double>(tiles) : 1;
-  }
-};
-
-nlohmann::json frame_json(const FrameReport& r) {
-  return {
-      {"ms", 1000 * r.seconds},     {"full_share", r.full_share()},   {"tiles", r.tiles},
-      {"misses", r.misses},         {"hit_rate", r.hit_rate()},       {"loads", r.loads},
-      {"load_bytes", r.load_bytes}, {"level_pixels", r.level_pixels}, {"load_level", r.load_level}};
-}
-
-nlohmann::json played_json(const PlayResult& played, const Summary& s) {
-  nlohmann::json frames = nlohmann::json::array();
-  for (const FrameReport& report : played.frames) frames.push_back(frame_json(report));
-  return {{"loading", name(played.loading)},
-          {"summary",
-           {{"frames", s.frames},
-            {"late", s.late},
-            {"mean_ms", s.mean_ms},
-            {"p95_ms", s.p95_ms},
-            {"worst_ms", s.worst_ms},
-            {"full_share", s.mean_full},
-            {"least_full_share", s.least_full},
-            {"level_shares", s.level_shares},
-            {"hit_rate", s.hit_rate},
-            {"loads", s.loads},
-            {"load_bytes", s.load_bytes},
-            {"rss_anon_peak_bytes", played.peak.anonymous},
-            {"rss_file_peak_bytes", played.peak.file}}},
-          {"frames", frames}};
 }
 
 /// The shares of all levels in percent, the finest first.
@@ -283,12 +305,13 @@ std::string shares_text(const std::vector<double>& shares) {
   return fmt::format("{}", fmt::join(texts, " "));
 }
 
-std::string played_row(const PlayResult& played, const Summary& s) {
+std::string played_row(const PlayResult& played) {
+  const Summary& s = played.summary;
   return fmt::format(
       "{}\t{}\t{}\t{:.1f}\t{:.1f}\t{:.1f}\t{:.2f} %\t{:.2f} %\t{}\t{:.2f} %\t{}\t{}\t{}\t{}",
       name(played.loading), s.frames, s.late, s.mean_ms, s.p95_ms, s.worst_ms, 100 * s.mean_full,
       100 * s.least_full, shares_text(s.level_shares), 100 * s.hit_rate, s.loads,
-      human_bytes(s.load_bytes), human_bytes(played.peak.anonymous), human_bytes(played.peak.file));
+      human_bytes(s.load_bytes), human_bytes(s.peak.anonymous), human_bytes(s.peak.file));
 }
 
 Result<void> run_play(const PlayArguments& a) {
@@ -297,28 +320,22 @@ Result<void> run_play(const PlayArguments& a) {
   PlayOptions options{a.draw.renderer(), {}, Loading::ahead, a.horizon};
   auto pictures = SLF_TRY(FrameFiles::make(a));
 
-  nlohmann::json runs = nlohmann::json::array();
+  Played all{a.field.path, a.fps, a.size, a.draw.memory};
   std::vector<std::string> rows{
       "loading\tframes\tlate\tmean ms\t95 %\tworst\tfull level\tleast\t% by level\thits\tloads\t"
       "read\tanonymous\tmapped"};
   for (const Loading way : a.loading) {
     options.loading = way;
     // Pictures are written for the first way of loading only.
-    const auto played = SLF_TRY(play(a, options, runs.empty() ? &pictures : nullptr));
+    const auto played = SLF_TRY(play(a, options, all.runs.empty() ? &pictures : nullptr));
     if (played.frames.empty()) break;
-    const Summary summary(played.frames, 1 / a.fps);
-    runs.push_back(played_json(played, summary));
-    rows.push_back(played_row(played, summary));
+    rows.push_back(played_row(played));
+    all.runs.push_back(played);
     if (stop_signal() != 0) break;
   }
   if (stop_signal() == 0) SLF_TRY(pictures.close());  // a part of an animation replaces nothing
   if (a.json) {
-    print_json({{"field", a.field.path},
-                {"fps", a.fps},
-                {"width_pixels", a.size.width},
-                {"height_pixels", a.size.height},
-                {"memory_bytes", a.draw.memory},
-                {"runs", runs}});
+    print_json(all);
     return {};
   }
   print("{} at {} frames a second, {} pixels; late: drawn in more than {:.1f} ms\n", a.field.path,
@@ -370,7 +387,7 @@ void add_play(CLI::App& app, Run& run) {
   add_file(*command, "--frames", a->frames, "Write every frame as PNG into this folder", kFolder);
   command->add_option("--preview", a->preview, "Write an animated WebP")->type_name("FILE.webp");
   command->add_flag("-f,--force", a->force, "Overwrite pictures");
-  command->add_flag("--json", a->json, "Summary and every frame as JSON");
+  add_json<Played>(*command, a->json, "Summary and every frame as JSON");
 }
 
 }  // namespace slf::cli

@@ -24,6 +24,24 @@ std::string human_time(double seconds) {
                   : fmt::format("{}:{:02}:{:02}", s / 3600, s / 60 % 60, s % 60);
 }
 
+/// A line of --progress json.
+struct ProgressLine {
+  std::string task{}, unit{};
+  std::uint64_t done = 0, total = 0, resumed = 0;
+  double elapsed_seconds = 0;
+  std::optional<double> remaining_seconds{};
+
+  template <class Member>
+  void describe(Member& member) const {
+    member("task", task, "what is under way");
+    member("unit", unit, "what is counted: rays, tiles, frames");
+    member("done", done, "units");
+    member("total", total, "units");
+    member("resumed", resumed, "units of done that were there when the run began");
+    member("elapsed_seconds", elapsed_seconds, "of this run", R"("minimum": 0)");
+    member("remaining_seconds", remaining_seconds, "estimate; null while unknown");
+  }
+};
 class ProgressBar {
  public:
   ProgressBar(std::string title, std::string unit)
@@ -45,16 +63,9 @@ class ProgressBar {
     const auto done = static_cast<double>(progress.done),
                total = static_cast<double>(progress.total);
     if (progress_style.json) {
-      const nlohmann::json line{
-          {"task", title_},
-          {"unit", unit_},
-          {"done", progress.done},
-          {"total", progress.total},
-          {"resumed", progress.skipped},
-          {"elapsed_seconds", took},
-          {"remaining_seconds", left ? nlohmann::json(*left) : nlohmann::json()}};
-      message(line.dump());
-      return;
+      const ProgressLine line{title_,           unit_, progress.done, progress.total,
+                              progress.skipped, took,  left};
+      return message(report::json_of(line).dump());
     }
     if (finished) {
       write(fmt::format("{}: {}{} in {}", title_, human_count(total), unit_, human_time(took)),
@@ -93,6 +104,17 @@ class ProgressBar {
 }  // namespace
 
 ProgressStyle progress_style;
+
+void add_progress(CLI::App& app) {
+  app.add_option("--progress", progress_style,
+                 "Seconds between lines of progress where stderr is no terminal, 0: none;\n"
+                 "or json, or json:SECONDS: lines of JSON on stderr, for programs")
+      ->type_name("SECONDS")
+      ->default_str(fmt::format("{}", progress_style.seconds));
+  output_schemas["progress"] = {"A line that `slf --progress json` writes to standard error",
+                                {&report::schema_of<ProgressLine>},
+                                /*lines=*/true};
+}
 
 std::istream& operator>>(std::istream& in, ProgressStyle& style) {
   constexpr double kJsonSeconds = 5;

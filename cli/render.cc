@@ -62,24 +62,35 @@ struct RenderArguments {
   bool stats = false, json = false;
 };
 
-nlohmann::json statistics_json(const ViewStatistics& s, const Footprint& file,
-                               const ViewOptions& view) {
-  return {{"mode", name(view.mode)},
-          {"level", s.level_pixels.size() - 1},
-          {"tiles_touched", s.tiles.size()},
-          {"tiles_stored", file.stored_tiles},
-          {"compressed_bytes", file.compressed_bytes},
-          {"map_pages", file.pages.size()},
-          {"decodes", s.decodes},
-          {"decoded_peak_bytes", s.decoded_peak_bytes},
-          {"pixels_hit", s.pixels_hit},
-          {"pixels_from_coarser_levels", s.fallback_pixels()}};
-}
+/// The cost of a view.
+struct ViewCost {
+  std::string mode{};
+  ViewStatistics view{};
+  Footprint file{};
+
+  template <class Member>
+  void describe(Member& member) const {
+    member("mode", mode, "of drawing");
+    member("level", view.level_pixels.size() - 1, "finest level drawn");
+    member("tiles_touched", view.tiles.size(), "tiles");
+    member("tiles_stored", file.stored_tiles, "tiles of them with a payload");
+    member("compressed_bytes", file.compressed_bytes,
+           "of their payloads, and of those of tiles that they are predicted from");
+    member("map_pages", file.pages.size(), "4 KiB pages of the file");
+    member("decodes", view.decodes, "tiles decoded");
+    member("decoded_peak_bytes", view.decoded_peak_bytes, "most decoded samples at a time");
+    member("pixels_hit", view.pixels_hit, "pixels whose ray meets the sphere");
+    member("pixels_from_coarser_levels", view.fallback_pixels(), "of them");
+  }
+};
 
 /// As a table, with the traffic of a remote field.
-void print_statistics(nlohmann::json json) {
-  const nlohmann::json traffic = traffic_json();
-  for (const auto& [key, value] : traffic.items()) json["http_" + key] = value;
+void print_cost(const ViewCost& cost) {
+  nlohmann::json json = report::json_of(cost);
+  if (const auto sum = traffic()) {
+    const nlohmann::json members = report::json_of(*sum);
+    for (const auto& [key, value] : members.items()) json["http_" + key] = value;
+  }
   std::vector<std::string> rows;
   for (const auto& [key, value] : json.items())
     rows.push_back(key + "\t" + (value.is_string() ? value.get<std::string>() : value.dump()));
@@ -123,11 +134,11 @@ Result<void> run_render(const RenderArguments& a) {
                            a.field.path, statistics.fallback_pixels()));
   if (!a.json && !a.stats) return {};
   const auto file = SLF_TRY(footprint(field, statistics.tiles));
-  const nlohmann::json json = statistics_json(statistics, file, view);
+  const ViewCost cost{name(view.mode), statistics, file};
   if (a.json)
-    print_json(json);
+    print_json(cost);
   else
-    print_statistics(json);
+    print_cost(cost);
   return {};
 }
 
@@ -228,7 +239,7 @@ void add_render(CLI::App& app, Run& run) {
   a->camera.add_to(*command);
   a->draw.add_to(*command);
   command->add_flag("--stats", a->stats, "Print the cost of the view: tiles, bytes, pages, memory");
-  command->add_flag("--json", a->json, "The same as JSON");
+  add_json<ViewCost>(*command, a->json, "The same as JSON");
   a->shown.add_to(*command, [](const recipe::Option& option) {
     return option.name == std::string_view("exposure") ||
            option.name == std::string_view("tonemap");

@@ -21,18 +21,46 @@ struct RepackArguments {
   bool force = false, dry_run = false, no_light = false, json = false;
 };
 
+/// A report of repacking, and the size of what was repacked.
+template <class Report>
+struct OfInput {
+  Report report{};
+  std::uint64_t input_bytes = 0;
+
+  template <class Member>
+  void describe(Member& member) const {
+    report.describe(member);
+    member("input_bytes", input_bytes, "of the input file");
+  }
+};
+
+/// A file of --split-states.
+struct SplitState {
+  std::string state{}, output{};
+  RepackReport report{};
+
+  template <class Member>
+  void describe(Member& member) const {
+    member("state", state, "its name");
+    member("output", output, "the file that was written");
+    report.describe(member);
+  }
+};
+struct Split {
+  std::vector<SplitState> states{};
+
+  template <class Member>
+  void describe(Member& member) const {
+    member("states", states, "a file for each");
+  }
+};
+
 /// --dry-run: prints the estimated size of the output.
 Result<void> estimate(const RepackArguments& a, const Field& field, const RepackOptions& options) {
   const auto estimate =
       SLF_TRY(estimate_repack(field, options, progress_bar("estimate", "tiles", OnSignal::end)));
   if (a.json)
-    print_json({{"tiles", estimate.tiles},
-                {"tiles_sampled", estimate.sampled},
-                {"payload_bytes", estimate.payload_bytes},
-                {"payload_error_bytes", estimate.payload_error_bytes},
-                {"file_bytes", estimate.file_bytes},
-                {"file_error_bytes", estimate.file_error_bytes},
-                {"input_bytes", field.file_bytes()}});
+    print_json(OfInput<RepackEstimate>{estimate, field.file_bytes()});
   else
     print("would write {}, give or take {} (now {}); {} of {} tiles encoded to estimate it\n",
           human_bytes(estimate.file_bytes), human_bytes(estimate.file_error_bytes),
@@ -51,12 +79,15 @@ Result<void> split(const RepackArguments& a, std::span<const StateSource> states
         !is_new)
       return misuse(file->first, "is the file of the state '", file->second, "', and of '",
                     state.name, "', too; choose one with --states");
+  Split all;
   for (const StateSource& state : states) {
     const std::string path = name_of_state(a.output, state.name);
     const auto report = SLF_TRY(
         repack_field(state.field, path, options, progress_bar("repack", "tiles", OnSignal::stop)));
-    print("{}: {}\n", path, human_bytes(report.file_bytes));
+    if (!a.json) print("{}: {}\n", path, human_bytes(report.file_bytes));
+    all.states.push_back({state.name, path, report});
   }
+  if (a.json) print_json(all);
   return {};
 }
 
@@ -96,13 +127,7 @@ Result<void> run_repack(const RepackArguments& a) {
   const auto report = SLF_TRY(hinted(join_states(states, a.output, options, bar)));
   note_budget(a.output, a.repack.memory, report.memory);
   if (a.json)
-    print_json({{"tiles", report.tiles},
-                {"copied", report.copied},
-                {"recoded", report.recoded},
-                {"missing", report.missing},
-                {"payload_bytes", report.payload_bytes},
-                {"file_bytes", report.file_bytes},
-                {"input_bytes", field.file_bytes()}});
+    print_json(OfInput<RepackReport>{report, field.file_bytes()});
   else
     print("{}: {} (was {}), {} tiles copied, {} recoded{}\n", a.output,
           human_bytes(report.file_bytes), human_bytes(field.file_bytes()), report.copied,
@@ -116,16 +141,6 @@ struct VerifyArguments {
   VerifyOptions verify;
   bool json = false;
 };
-
-nlohmann::json report_json(const VerifyReport& report) {
-  nlohmann::json findings = nlohmann::json::array();
-  for (const Finding& finding : report.findings)
-    findings.push_back({{"id", id(finding.kind)}, {"message", finding.message}});
-  return {{"findings", findings},      {"found", report.found},
-          {"damaged", report.damaged}, {"unfixed", report.unfixed},
-          {"tiles", report.tiles},     {"payload_bytes", report.payload_bytes},
-          {"dropped", report.dropped}, {"complete", report.complete}};
-}
 
 void print_report(const std::string& path, const VerifyReport& report) {
   for (const Finding& finding : report.findings)
@@ -147,7 +162,7 @@ Result<void> run_verify(const VerifyArguments& a) {
     return verify_field(field, a.verify, bar);
   }());
   if (a.json)
-    print_json(report_json(report));
+    print_json(report);
   else
     print_report(a.field, report);
   if (report.dropped > 0)
@@ -203,7 +218,7 @@ void add_repack(CLI::App& app, Run& run) {
                     "it again");
   add_budget(*command, a->repack.memory);
   add_threads(*command, a->repack.threads);
-  command->add_flag("--json", a->json, "JSON on stdout");
+  add_json<OfInput<RepackReport>, OfInput<RepackEstimate>, Split>(*command, a->json);
 }
 
 void add_verify(CLI::App& app, Run& run) {
@@ -221,7 +236,7 @@ Exit code 0 when all is good or only tiles are missing, 3 when something is dama
   command->add_flag("--fix", a->verify.fix, "Drop damaged tiles, so that build can refill them");
   add_budget(*command, a->verify.memory);
   add_threads(*command, a->verify.threads);
-  command->add_flag("--json", a->json, "JSON on stdout");
+  add_json<VerifyReport>(*command, a->json);
 }
 
 }  // namespace slf::cli

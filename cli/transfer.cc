@@ -25,28 +25,35 @@ const char* name_of(TransferPreset::Values values) {
 }
 
 std::array<double, 2> extent(const TransferFunction& f) {
+  if (f.colors.empty() || f.opacities.empty()) return {};
   return {std::min(f.colors.front().value, f.opacities.front().value),
           std::max(f.colors.back().value, f.opacities.back().value)};
 }
 
-nlohmann::json as_json(const TransferPreset& preset) {
-  const auto [from, to] = extent(preset.function);
-  nlohmann::json json{{"name", preset.function.name},
-                      {"values", name_of(preset.values)},
-                      {"from", from},
-                      {"to", to},
-                      {"has_opacity", preset.has_opacity},
-                      {"description", preset.description}};
-  if (preset.has_unit_distance) json["unit_distance"] = preset.function.unit_distance;
-  return json;
-}
+/// A transfer function in a list.
+struct Listed {
+  TransferPreset preset{};
+
+  template <class Member>
+  void describe(Member& member) const {
+    const auto [from, to] = extent(preset.function);
+    member("name", preset.function.name, "of the function");
+    member("values", name_of(preset.values), "what the values refer to",
+           R"("enum": ["absolute", "relative", "indexed"])");
+    member("from", from, "least value");
+    member("to", to, "largest value");
+    member("has_opacity", preset.has_opacity, "not only colours");
+    member("description", preset.description, "may be empty");
+    member("unit_distance", preset.has_unit_distance ? &preset.function.unit_distance : nullptr,
+           "world units that an opacity refers to", R"("minimum": 0)");
+  }
+};
 
 void print_list(std::span<const TransferPreset> presets, bool as_table) {
   if (!as_table) {
-    nlohmann::json all = nlohmann::json::array();
-    for (const auto& preset : presets) all.push_back(as_json(preset));
-    print_json(all);
-    return;
+    std::vector<Listed> all;
+    for (const auto& preset : presets) all.push_back({preset});
+    return print_json(all);
   }
   for (const auto& preset : presets) {
     const auto [from, to] = extent(preset.function);
@@ -107,7 +114,7 @@ Result<void> run_transfer(const TransferArguments& a) {
   const auto preset = SLF_TRY(read_transfer(a.reference));
   if (a.output.empty()) {
     if (a.json)
-      print_json(as_json(preset));
+      print_json(Listed{preset});
     else
       print_list(std::span(&preset, 1), true);
     return {};
@@ -128,7 +135,7 @@ void add_transfer(CLI::App& app, Run& run) {
   add_file(*command, "-o,--output", a->output,
            "A picture of it (.png, .jpg, .exr), or ParaView's preset JSON (.json)");
   command->add_flag("-f,--force", a->force, "Overwrite the output");
-  command->add_flag("--json", a->json, "JSON on stdout");
+  add_json<Listed, std::vector<Listed>>(*command, a->json);
 }
 
 }  // namespace slf::cli

@@ -28,6 +28,16 @@ struct FirstArguments : page::First {
   }
 };
 
+/// What the server says when it begins.
+struct Serving {
+  std::string url{};
+
+  template <class Member>
+  void describe(Member& member) const {
+    member("url", url, "address of the page, or of a list of fields", R"("format": "uri")");
+  }
+};
+
 struct ViewArguments {
   std::vector<std::string> fields, frames;
   std::uint16_t port = 0;
@@ -59,7 +69,7 @@ Result<void> run_view(const ViewArguments& arguments) {
   }
   auto server = SLF_TRY(hinted(page::Server::make(arguments.fields, options)));
   if (arguments.json)
-    print_json({{"url", server.url()}});
+    print_json(Serving{server.url()});
   else
     print("{}\n", server.url());
   std::fflush(stdout);
@@ -90,12 +100,10 @@ Result<void> run_export(const ExportArguments& a) {
                                            progress_bar("export", "bytes", OnSignal::stop));
   SLF_TRY(with_force(hinted(exported).map([](const auto&) {})));
   if (a.json)
-    print_json({{"output", a.output},
-                {"field_bytes", exported->file_bytes()},
-                {"level", exported->shape().levels}});
+    print_json(*exported);
   else
-    print("{}: a field of {}, finest level {}\n", a.output, human_bytes(exported->file_bytes()),
-          exported->shape().levels);
+    print("{}: a field of {}, finest level {}\n", a.output, human_bytes(exported->field_bytes),
+          exported->level);
   return {};
 }
 
@@ -119,7 +127,7 @@ void add_view(CLI::App& app, Run& run) {
   command->add_option("--views", a->views, kViews)->type_name(kViewsFile);
   a->first.add_to(*command);
   command->add_flag("--open", a->open, "Open the page in the desktop's browser");
-  command->add_flag("--json", a->json, "JSON on stdout");
+  add_json<Serving>(*command, a->json);
 }
 
 void add_export(CLI::App& app, Run& run) {
@@ -141,7 +149,7 @@ void add_export(CLI::App& app, Run& run) {
   command->add_option("--views", a->views, kViews)->type_name(kViewsFile);
   a->first.add_to(*command);
   command->add_flag("-f,--force", a->force, "Overwrite the output");
-  command->add_flag("--json", a->json, "JSON on stdout");
+  add_json<page::ExportReport>(*command, a->json);
 }
 
 }  // namespace slf::cli

@@ -180,6 +180,9 @@ Result<FieldContent> FieldFile::content() const {
   for (unsigned level = 0; level <= shape().levels; ++level) {
     LevelContent& at = content.levels.emplace_back();
     at.level = level;
+    at.entry_resolution = shape().entry_resolution(level);
+    at.exit_resolution = shape().exit_resolution(level);
+    if (!manifest().states.empty()) at.same = 0;
     at.tiles = shape().tiles(level);
     at.slabs = shape().states * shape().slabs(level);
   }
@@ -192,10 +195,12 @@ Result<FieldContent> FieldFile::content() const {
     LevelContent& at = content.levels[s.level];
     at.payload_bytes = s.payload_bytes;
     content.payload_bytes += s.payload_bytes;
-    at.stored = s.stored, at.empty = s.empty, at.same = s.same;
+    at.stored = s.stored, at.empty = s.empty;
+    if (at.same) at.same = s.same;
   }
   for (const LevelContent& at : content.levels)
-    if (!manifest().part && at.stored + at.empty + at.same != at.tiles) content.complete = false;
+    if (!manifest().part && at.stored + at.empty + at.same.value_or(0) != at.tiles)
+      content.complete = false;
   return content;
 }
 

@@ -324,9 +324,9 @@ std::string page_with(std::string_view attributes, std::string_view content) {
   return html;
 }
 
-Result<Field> export_field(const std::string& input, const std::string& output,
-                           const ExportOptions& options, const ProgressCallback& tiles,
-                           const ProgressCallback& bytes) {
+Result<ExportReport> export_field(const std::string& input, const std::string& output,
+                                  const ExportOptions& options, const ProgressCallback& tiles,
+                                  const ProgressCallback& bytes) {
   SLF_TRY(check_export(input, output, options.existing));
   const auto field = SLF_TRY(Field::open(input));
   auto views = SLF_TRY(parse_views(options.views, field.shape().sphere));
@@ -339,7 +339,7 @@ Result<Field> export_field(const std::string& input, const std::string& output,
   }
   SLF_TRY(is_page_name(output) ? export_page(exported, input, output, views, bytes)
                                : export_site(exported, input, output, views, bytes));
-  return exported;
+  return ExportReport{output, exported.file_bytes(), exported.shape().levels};
 }
 
 }  // namespace slf::page

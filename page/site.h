@@ -32,6 +32,20 @@ struct ExportOptions {
   Existing existing = Existing::keep;
 };
 
+struct ExportReport {
+  std::string output{};
+  std::uint64_t field_bytes = 0;
+  unsigned level = 0;
+
+  static constexpr const char* kPython = "ExportReport";
+  template <class Member>
+  void describe(Member& member) const {
+    member({"output", nullptr}, output, "the page or the folder that was written");
+    member("field_bytes", field_bytes, "length of the field in it");
+    member({"level", "finest_level"}, level, "its finest level");
+  }
+};
+
 /// Writes the field at `input` with the page that shows it, and with views: one HTML file, which
 /// opens from disk, if `output` ends in .html or .htm, or else a folder for any host of static
 /// files that serves ranges. The field loses its light, unless it has several states, which would
@@ -43,10 +57,10 @@ struct ExportOptions {
 /// cannot be read or written. bad_file: `input` is no field, or `views` are none. unsupported: the
 /// field is larger than kMaxEmbeddedBytes, for one file; or slf was built without the page.
 /// cancelled: stopped by `tiles`, which counts those that are encoded, or by `bytes`, which counts
-/// those of the field. Returns what was written, to be asked for its size and shape.
-[[nodiscard]] Result<Field> export_field(const std::string& input, const std::string& output,
-                                         const ExportOptions& options,
-                                         const ProgressCallback& tiles = {},
-                                         const ProgressCallback& bytes = {});
+/// those of the field.
+[[nodiscard]] Result<ExportReport> export_field(const std::string& input, const std::string& output,
+                                                const ExportOptions& options,
+                                                const ProgressCallback& tiles = {},
+                                                const ProgressCallback& bytes = {});
 
 }  // namespace slf::page

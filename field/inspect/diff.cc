@@ -259,6 +259,11 @@ Result<FieldDifference> diff_fields(const Field& handle_a, const Field& handle_b
     channel.psnr =
         psnr(total[c].squares / std::max<double>(1, static_cast<double>(total[c].numbers)));
     channel.worst_psnr = psnr(total[c].worst);
+    if (!channel.worst) continue;
+    const std::uint64_t state = state_of(*channel.worst);
+    channel.worst_at = address_of(handle_a, in_state(*channel.worst, 0));
+    channel.worst_name = to_string(*channel.worst_at);
+    if (state > 0) channel.worst_name->append(" of state ").append(handle_a.states()[state]);
   }
   return difference;
 } catch (...) {

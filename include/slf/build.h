@@ -49,9 +49,15 @@ struct BuildOptions {
 };
 
 struct BuildReport {
-  std::uint64_t tiles = 0;    ///< built by this call
-  std::uint64_t resumed = 0;  ///< built by earlier calls
-  std::uint64_t memory = 0;   ///< the budget
+  std::uint64_t tiles = 0, resumed = 0;
+  std::uint64_t memory = 0;  ///< the budget
+
+  static constexpr const char* kPython = "BuildReport";
+  template <class Member>
+  void describe(Member& member) const {
+    member("tiles", tiles, "built by this call");
+    member("resumed", resumed, "built by earlier calls");
+  }
 };
 
 /// A state of a field, and the scene that shows it.

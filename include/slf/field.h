@@ -23,22 +23,42 @@ namespace slf {
 class FieldFile;  // internal
 struct Structure;
 
-/// How much of a level exists.
+/// How much of a level exists. Reports describe their members (base/report.h).
 struct LevelContent {
   unsigned level = 0;
-  std::uint64_t tiles = 0;   ///< tiles of the complete level
-  std::uint64_t stored = 0;  ///< tiles with a payload
-  std::uint64_t empty = 0;   ///< tiles that were built and show nothing
-  std::uint64_t same = 0;    ///< tiles that are stored with an earlier state
-  std::uint64_t slabs = 0;   ///< rays of the level
-  std::uint64_t payload_bytes = 0;
+  std::uint64_t tiles = 0, stored = 0, empty = 0, slabs = 0, payload_bytes = 0;
+  std::optional<std::uint64_t> same{};
+  std::uint32_t entry_resolution = 0, exit_resolution = 0;
+
+  static constexpr const char* kPython = "Level";
+  template <class Member>
+  void describe(Member& member) const {
+    member("level", level, "0 is the coarsest");
+    member("tiles", tiles, "of the complete level");
+    member("stored", stored, "tiles with a payload");
+    member("empty", empty, "tiles that were built and show nothing");
+    member("slabs", slabs, "rays of the level");
+    member("payload_bytes", payload_bytes, "of the tiles");
+    member("same", same ? &*same : nullptr,
+           "tiles that are stored with an earlier state; only of fields with states");
+    member("entry_resolution", entry_resolution, "cells", R"("minimum": 1)");
+    member("exit_resolution", exit_resolution, "cells", R"("minimum": 1)");
+  }
 };
 
 struct FieldContent {
   std::vector<LevelContent> levels;
-  bool complete = false;  ///< no tile of the field, or of its part(), is missing
-  std::uint64_t file_bytes = 0;
-  std::uint64_t payload_bytes = 0;  ///< of all levels
+  bool complete = false;
+  std::uint64_t file_bytes = 0, payload_bytes = 0;
+
+  static constexpr const char* kPython = "Content";
+  template <class Member>
+  void describe(Member& member) const {
+    member("levels", levels, "by level");
+    member("complete", complete, "no tile of the field, or of its part, is missing");
+    member("file_bytes", file_bytes, "size of the file");
+    member("payload_bytes", payload_bytes, "sum of all payloads");
+  }
 };
 
 /// A read-only snapshot of a field: the last commit before it was opened. A handle: copies are

@@ -50,9 +50,18 @@ struct ImageFileOptions {
 /// 2^26 pixels or 32,768 on a side, or an encoding that is not read.
 [[nodiscard]] Result<Image> read_image(const std::string& path);
 
+/// PSNR is of RGB at 8 bits over black, infinite if equal; SSIM of luma, Wang et al. 2004, with an
+/// 11×11 Gaussian, σ 1.5.
 struct ImageDifference {
-  double psnr = 0;  ///< in dB, of RGB at 8 bits over black; infinity if equal
-  double ssim = 0;  ///< mean structural similarity of luma, Wang et al. 2004, 11×11 Gaussian σ 1.5
+  double psnr = 0, ssim = 0;
+
+  static constexpr const char* kPython = "ViewQuality";
+  template <class Member>
+  void describe(Member& member) const {
+    member("psnr", psnr, "dB; infinite, in JSON null, if there is no difference",
+           R"("type": ["number", "null"])");
+    member("ssim", ssim, "mean structural similarity");
+  }
 };
 
 /// Compares the pixels that `counted` names, one flag each; empty: all. SSIM is the mean of the

@@ -27,6 +27,14 @@ struct TileAddress {
   std::uint64_t entry = 0;  ///< index of the entry section
   std::uint64_t exit = 0;   ///< index of the exit section
   friend bool operator==(const TileAddress&, const TileAddress&) = default;
+
+  static constexpr const char* kPython = "TileAddress";
+  template <class Member>
+  void describe(Member& member) const {
+    member("level", level, "of the tile");
+    member("entry", entry, "index of the entry section");
+    member("exit", exit, "index of the exit section");
+  }
 };
 /// "2/3/17".
 [[nodiscard]] std::string to_string(const TileAddress& address);
@@ -44,12 +52,28 @@ struct TileAddress {
 
 /// One tile.
 struct ListedTile {
-  TileKey key;
-  TileAddress address;
-  std::uint8_t subfield = 0;  ///< 8 × entry octant + exit octant
+  TileKey key{};
+  TileAddress address{};
+  std::uint8_t subfield = 0;
   TileState state = TileState::missing;
-  std::uint64_t payload_bytes = 0;
-  std::uint64_t offset_bytes = 0;  ///< of the payload in the file; 0 without a payload
+  std::uint64_t payload_bytes = 0, offset_bytes = 0;
+
+  static constexpr const char* kPython = "Tile";
+  template <class Member>
+  void describe(Member& member) const {
+    member({"tile", nullptr}, to_string(address), "LEVEL/ENTRY/EXIT",
+           R"("pattern": "^[0-9]+/[0-9]+/[0-9]+$")");
+    member("level", address.level, "0 is the coarsest");
+    member({"index", nullptr}, key.index, "within the level");
+    member("entry", address.entry, "index of the entry section");
+    member("exit", address.exit, "index of the exit section");
+    member({"subfield", nullptr}, subfield, "8 × entry octant + exit octant", R"("maximum": 63)");
+    member({"state", "content"}, name(state),
+           "stored, empty, missing, or same: stored with an earlier state",
+           R"("enum": ["missing", "empty", "stored", "same"])");
+    member("payload_bytes", payload_bytes, "0 unless stored or same");
+    member("offset_bytes", offset_bytes, "of the payload in the file; 0 without a payload");
+  }
 };
 
 /// Which tiles to list.
@@ -101,23 +125,44 @@ struct TileSampleSet {
 /// for samples whose colour in `a` is not fully transparent.
 struct ChannelDifference {
   std::string channel;
-  std::uint64_t compared = 0;   ///< tiles that both fields have
-  std::uint64_t only_in_a = 0;  ///< tiles that b lacks
-  std::uint64_t only_in_b = 0;
-  std::uint64_t recoded = 0;    ///< of `compared`: other bytes that decode to the same samples
-  std::uint64_t differing = 0;  ///< of `compared`: other samples
-  double psnr = std::numeric_limits<double>::infinity();        ///< in dB, over all compared tiles
-  double worst_psnr = std::numeric_limits<double>::infinity();  ///< of the tile that differs most
-  std::optional<TileKey> worst;                                 ///< that tile, of any state
+  std::uint64_t compared = 0, only_in_a = 0, only_in_b = 0, recoded = 0, differing = 0;
+  double psnr = std::numeric_limits<double>::infinity(), worst_psnr = psnr;
+  std::optional<TileKey> worst;           ///< the tile that differs most, of any state
+  std::optional<TileAddress> worst_at{};  ///< the same tile
+  std::optional<std::string> worst_name{};
+
+  static constexpr const char* kPython = "ChannelDifference";
+  template <class Member>
+  void describe(Member& member) const {
+    constexpr const char* kDecibels = R"("type": ["number", "null"])";
+    member("channel", channel, "what was compared", R"("enum": ["color", "depth"])");
+    member({"tiles_compared", "compared"}, compared, "tiles that both fields have");
+    member({"tiles_only_in_a", "only_in_a"}, only_in_a, "tiles that b lacks");
+    member({"tiles_only_in_b", "only_in_b"}, only_in_b, "tiles that a lacks");
+    member({"tiles_recoded", "recoded"}, recoded, "of those compared: other bytes, same samples");
+    member({"tiles_differing", "differing"}, differing, "of those compared: other samples");
+    member("psnr", psnr, "dB; infinite, in JSON null, if there is no difference", kDecibels);
+    member("worst_psnr", worst_psnr, "dB, of the tile that differs most", kDecibels);
+    member({nullptr, "worst"}, worst_at, "level, entry and exit of that tile");
+    member({"worst_tile", nullptr}, worst_name, "that tile: LEVEL/ENTRY/EXIT, and its state",
+           R"("pattern": "^[0-9]+/[0-9]+/[0-9]+( of state .*)?$")");
+  }
 };
 
 struct FieldDifference {
-  /// Places in the manifest where the two differ, as JSON pointers.
   std::vector<std::string> manifest;
-  /// Whether tiles of the same key sample the same rays. If not, tiles were not compared.
   bool comparable = false;
-  std::vector<ChannelDifference> channels;  ///< those that both fields have
+  std::vector<ChannelDifference> channels;
 
+  static constexpr const char* kPython = "Difference";
+  template <class Member>
+  void describe(Member& member) const {
+    member("equal", equal(), "the same manifest, and the same tiles with the same bytes");
+    member("comparable", comparable,
+           "tiles of one key sample the same rays; if not, none was compared");
+    member("manifest", manifest, "places in which the manifests differ, as JSON pointers");
+    member("channels", channels, "those that both fields have");
+  }
   /// The same tiles with the same bytes, and the same manifest.
   [[nodiscard]] bool equal() const;
   /// Comparable, the same tiles, and no tile has a PSNR below this, in dB.

@@ -30,24 +30,40 @@ struct Footprint {
 /// is damaged.
 [[nodiscard]] Result<Footprint> footprint(const Field& field, std::span<const TileKey> tiles);
 
-/// Mean and maximum over the views.
 struct MeanAndMax {
-  double mean = 0;
-  double max = 0;
+  double mean = 0, max = 0;
+
+  static constexpr const char* kPython = "MeanAndMax";
+  template <class Member>
+  void describe(Member& member) const {
+    member("mean", mean, "over the views", R"("minimum": 0)");
+    member("max", max, "over the views", R"("minimum": 0)");
+  }
 };
 
+/// What views of one level need, or of all levels together.
 struct LevelMeasure {
-  unsigned level = 0;
-  std::uint64_t tiles = 0;      ///< of the level, in all subfields
-  MeanAndMax tiles_touched;     ///< including neighbours that interpolation reads
-  MeanAndMax pairs_crossed;     ///< (entry section, exit section) pairs that rays pass through
-  MeanAndMax compressed_bytes;  ///< as Footprint, of the touched tiles
-  MeanAndMax map_pages;         ///< distinct 4 KiB pages of the map, as the engine counts them
-  MeanAndMax cached_pages;      ///< the kernel's count: pages that came from the disk (mincore)
-  MeanAndMax mapped_pages;      ///< the kernel's count: pages that this process has mapped (smaps)
-  MeanAndMax decoded_peak_bytes;
-  MeanAndMax fraction;       ///< tiles_touched / tiles
-  MeanAndMax pair_fraction;  ///< pairs_crossed / tiles
+  std::optional<unsigned> level{};
+  std::uint64_t tiles = 0;
+  MeanAndMax tiles_touched, pairs_crossed, compressed_bytes, map_pages, cached_pages, mapped_pages,
+      decoded_peak_bytes, fraction, pair_fraction;
+
+  static constexpr const char* kPython = "LevelMeasure";
+  template <class Member>
+  void describe(Member& member) const {
+    member("level", level ? &*level : nullptr, "0 is the coarsest; none: the sum over all");
+    member("tiles", tiles, "of the level, in all subfields");
+    member("tiles_touched", tiles_touched, "tiles, with neighbours that interpolation reads");
+    member("pairs_crossed", pairs_crossed, "pairs of sections that rays pass through");
+    member("compressed_bytes", compressed_bytes,
+           "payloads of the tiles touched, and of tiles that they are predicted from");
+    member("map_pages", map_pages, "4 KiB pages of the file, by the engine's count");
+    member("decoded_peak_bytes", decoded_peak_bytes, "decoded samples");
+    member("fraction", fraction, "tiles_touched / tiles");
+    member("pair_fraction", pair_fraction, "pairs_crossed / tiles");
+    member("cached_pages", cached_pages, "4 KiB pages that came from the disk (mincore)");
+    member("mapped_pages", mapped_pages, "4 KiB pages that the process has mapped (smaps)");
+  }
 };
 
 struct MeasureOptions {
@@ -59,12 +75,22 @@ struct MeasureOptions {
 
 struct Measurement {
   std::vector<LevelMeasure> levels;
-  LevelMeasure total;  ///< the sum over the levels of each view
-  /// Whether cached_pages and mapped_pages count each view alone: the kernel dropped the file from
-  /// its cache before each. It does not if another process maps the file, or on tmpfs.
+  LevelMeasure total;
+  /// The kernel does not drop a file from its cache if another process maps it, or on tmpfs.
   bool kernel_counted = true;
-  std::uint64_t rss_anon_peak = 0;  ///< bytes, of this process while it rendered
-  std::uint64_t rss_file_peak = 0;  ///< bytes, mapped pages of files
+  std::uint64_t rss_anon_peak = 0, rss_file_peak = 0;
+
+  static constexpr const char* kPython = "Measurement";
+  template <class Member>
+  void describe(Member& member) const {
+    member("levels", levels, "by level");
+    member("total", total, "the sum over the levels of each view");
+    member({"rss_anon_peak_bytes", "rss_anon_peak"}, rss_anon_peak, "bytes: anonymous memory");
+    member({"rss_file_peak_bytes", "rss_file_peak"}, rss_file_peak, "bytes: mapped pages of files");
+    member("kernel_counted", kernel_counted,
+           "cached_pages and mapped_pages count each view alone: the kernel dropped the file from "
+           "its cache before each");
+  }
 };
 
 /// Renders every camera at every level and measures the memory that each view needs. Each view
@@ -79,11 +105,21 @@ using ViewQuality = ImageDifference;
 
 struct Evaluation {
   std::vector<ViewQuality> views;
-  double psnr = 0;  ///< mean of the views' PSNR, in dB
-  double ssim = 0;  ///< mean of the views' SSIM
-  /// Where the field's provenance differs from the scene's, as a JSON pointer: then they show two
-  /// different objects. Empty: nowhere, but for the step of rays.
+  ViewQuality mean;
+  /// Empty: nowhere, but for the step of rays.
   std::string differs;
+
+  static constexpr const char* kPython = "Evaluation";
+  template <class Member>
+  void describe(Member& member) const {
+    mean.describe(member);
+    member({"per_view", "views"}, views, "in the order of the views");
+    member({nullptr, "differs"}, differs,
+           "where the provenances of field and scene differ, which then show two different "
+           "objects, as a JSON pointer; else empty");
+    member({"same_source", nullptr}, differs.empty(),
+           "the field was built from what it is compared with");
+  }
 };
 
 struct EvaluateOptions {
@@ -103,9 +139,21 @@ struct EvaluateOptions {
                                                 const ProgressCallback& progress = {});
 
 struct PictureQuality {
-  std::string name;    ///< of the picture
-  ViewQuality whole;   ///< of the whole picture
-  ViewQuality inside;  ///< of the pixels whose rays cross the field's sphere
+  std::string name{};
+  ViewQuality whole{}, inside{};
+
+  template <class Member>
+  void describe(Member& member) const {
+    member("picture", name, "its name in the file of cameras");
+    describe_means(member);
+  }
+  template <class Member>
+  void describe_means(Member& member) const {
+    whole.describe(member);
+    member("psnr_inside", inside.psnr, "dB, of the pixels whose rays cross the sphere",
+           R"("type": ["number", "null"])");
+    member("ssim_inside", inside.ssim, "of the windows around those pixels");
+  }
 };
 
 /// Compares views of the field with pictures: RGB over black, 8 bits. A view has the lens of its

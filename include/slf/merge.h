@@ -22,10 +22,16 @@ struct MergeOptions {
 };
 
 struct MergeReport {
-  std::uint64_t tiles = 0;  ///< tiles written, stored or empty
-  std::uint64_t payload_bytes = 0;
-  std::uint64_t file_bytes = 0;
+  std::uint64_t tiles = 0, payload_bytes = 0, file_bytes = 0;
   std::uint64_t memory = 0;  ///< the budget
+
+  static constexpr const char* kPython = "MergeReport";
+  template <class Member>
+  void describe(Member& member) const {
+    member("tiles", tiles, "written, stored or empty");
+    member("payload_bytes", payload_bytes, "written");
+    member("file_bytes", file_bytes, "of the output");
+  }
 };
 
 /// Writes to `path` the field that `parts`, in any order, make up together. All parts have the same

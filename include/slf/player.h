@@ -42,17 +42,29 @@ struct PlayOptions {
 };
 
 struct FrameReport {
-  double seconds = 0;             ///< wall-clock time of drawing
+  double seconds = 0;
   std::uint64_t pixels_hit = 0;   ///< pixels whose ray crosses the sphere
   std::uint64_t pixels_full = 0;  ///< those of them drawn at the requested level
-  std::uint64_t tiles = 0;        ///< tiles touched, in all levels drawn
-  std::uint64_t misses = 0;       ///< those of them that were not loaded yet
-  std::uint64_t loads = 0;        ///< tiles loaded since the previous frame
-  std::uint64_t load_bytes = 0;   ///< their payloads, and those of tiles decoded to predict them
-  std::vector<std::uint64_t> level_pixels;  ///< pixels drawn at each level
-  /// The finest level that was being loaded: coarser than the requested one while storage is too
-  /// slow for it.
+  std::uint64_t tiles = 0, misses = 0, loads = 0, load_bytes = 0;
+  std::vector<std::uint64_t> level_pixels;
+  /// Coarser than the requested level while storage is too slow for it.
   unsigned load_level = 0;
+
+  static constexpr const char* kPython = "Frame";
+  template <class Member>
+  void describe(Member& member) const {
+    member({"ms", nullptr}, 1000 * seconds, "milliseconds of drawing", R"("minimum": 0)");
+    member({nullptr, "seconds"}, seconds, "of drawing");
+    member("full_share", full_share(), "of the pixels at the requested level, 0 to 1");
+    member("tiles", tiles, "touched, in all levels drawn");
+    member("misses", misses, "of those, not loaded yet");
+    member("loads", loads, "tiles loaded since the frame before");
+    member("load_bytes", load_bytes,
+           "compressed, with tiles that were decoded to predict those loaded");
+    member("hit_rate", hit_rate(), "of tiles that were loaded, 0 to 1");
+    member("level_pixels", level_pixels, "pixels drawn at each level");
+    member("load_level", load_level, "finest level that is being loaded");
+  }
 
   [[nodiscard]] double full_share() const {
     return pixels_hit ? static_cast<double>(pixels_full) / static_cast<double>(pixels_hit) : 1;

@@ -30,9 +30,14 @@ struct RemoteOptions {
 
 /// Traffic with the server since RemoteField::open().
 struct RemoteTraffic {
-  std::uint64_t requests = 0;  ///< requests sent, with repeated ones
-  std::uint64_t repeated = 0;  ///< of `requests`: after a late, short or failed answer
-  std::uint64_t bytes = 0;     ///< of the answers, without their headers
+  std::uint64_t requests = 0, repeated = 0, bytes = 0;
+
+  template <class Member>
+  void describe(Member& member) const {
+    member("requests", requests, "requests sent, with repeated ones");
+    member("repeated", repeated, "of them, sent after a late, short or failed answer");
+    member("bytes", bytes, "of the answers, without their headers");
+  }
 };
 
 /// Whether a path is an address: it begins with http:// or https://, in letters of any case.

@@ -114,11 +114,19 @@ class Renderer {
 
 /// A point of the surface that a picture shows.
 struct PickedPoint {
-  glm::dvec3 point{0.0};  ///< world
-  double depth = 0;       ///< its distance from the eye, in world units
-  /// The standard deviation of the depth, in world units: from the steps of stored depths, and from
-  /// how much the depths of rays differ that are one sample apart.
+  glm::dvec3 point{0.0};
+  double depth = 0;
+  /// From the steps of stored depths, and from how much the depths of rays differ that are one
+  /// sample apart.
   double uncertainty = 0;
+
+  static constexpr const char* kPython = "PickedPoint";
+  template <class Member>
+  void describe(Member& member) const {
+    member("point", point, "in world units");
+    member("depth", depth, "distance of the point from the eye, in world units");
+    member("uncertainty", uncertainty, "standard deviation of the depth, in world units");
+  }
 };
 
 /// The point that a camera's picture shows at (x, y), in pixels from its upper left corner: centres

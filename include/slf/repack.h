@@ -33,13 +33,19 @@ struct RepackOptions {
 };
 
 struct RepackReport {
-  std::uint64_t tiles = 0;    ///< tiles written, stored or empty
-  std::uint64_t copied = 0;   ///< of `tiles`: payloads copied as they were
-  std::uint64_t recoded = 0;  ///< of `tiles`: decoded and encoded again
-  std::uint64_t missing = 0;  ///< tiles missing in the input, and so in the output
-  std::uint64_t payload_bytes = 0;
-  std::uint64_t file_bytes = 0;
+  std::uint64_t tiles = 0, copied = 0, recoded = 0, missing = 0, payload_bytes = 0, file_bytes = 0;
   std::uint64_t memory = 0;  ///< the budget
+
+  static constexpr const char* kPython = "RepackReport";
+  template <class Member>
+  void describe(Member& member) const {
+    member("tiles", tiles, "written, stored or empty");
+    member("copied", copied, "tiles whose bytes were taken over");
+    member("recoded", recoded, "tiles decoded and encoded again");
+    member("missing", missing, "tiles that the input lacks, and so the output");
+    member("payload_bytes", payload_bytes, "written");
+    member("file_bytes", file_bytes, "of the output");
+  }
 };
 
 /// Writes the field, in the state that it shows or composed, to `path`, which must not exist unless
@@ -86,12 +92,19 @@ struct StateSource {
 
 /// The size that a repack would have.
 struct RepackEstimate {
-  std::uint64_t tiles = 0;    ///< tiles, stored, empty or missing
-  std::uint64_t sampled = 0;  ///< of `tiles`: encoded to estimate the others
-  std::uint64_t payload_bytes = 0;
-  std::uint64_t payload_error_bytes = 0;  ///< half of a 95 % confidence interval; 0: exact
-  std::uint64_t file_bytes = 0;
-  std::uint64_t file_error_bytes = 0;  ///< the same
+  std::uint64_t tiles = 0, sampled = 0, payload_bytes = 0, payload_error_bytes = 0, file_bytes = 0,
+                file_error_bytes = 0;
+
+  template <class Member>
+  void describe(Member& member) const {
+    member("tiles", tiles, "stored, empty or missing");
+    member("tiles_sampled", sampled, "of them, encoded to estimate the others");
+    member("payload_bytes", payload_bytes, "estimate");
+    member("payload_error_bytes", payload_error_bytes,
+           "half of a 95 % confidence interval; 0: exact");
+    member("file_bytes", file_bytes, "estimate");
+    member("file_error_bytes", file_error_bytes, "the same");
+  }
 };
 
 /// Estimates the size from a sample of a few hundred tiles of each level, which depends on the

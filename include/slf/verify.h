@@ -28,8 +28,16 @@ enum class FindingKind {
 [[nodiscard]] const char* id(FindingKind kind);
 
 struct Finding {
-  FindingKind kind;
-  std::string message;
+  FindingKind kind = FindingKind::structure;
+  std::string message{};
+
+  static constexpr const char* kPython = "Finding";
+  template <class Member>
+  void describe(Member& member) const {
+    member({"id", "kind"}, id(kind), "as slf verify prints it; stable",
+           R"("enum": ["S1", "M1", "L1", "R1", "K1", "T1", "T2", "T3", "C1"])");
+    member("message", message, "file, place and cause");
+  }
 };
 
 struct VerifyOptions {
@@ -40,14 +48,22 @@ struct VerifyOptions {
 };
 
 struct VerifyReport {
-  std::vector<Finding> findings;    ///< the first 1000; the order does not depend on the threads
-  std::uint64_t found = 0;          ///< all findings
-  std::uint64_t damaged = 0;        ///< of `found`: all but C1 and T3
-  std::uint64_t unfixed = 0;        ///< of `damaged`: still in the file; all without `fix`
-  std::uint64_t tiles = 0;          ///< tiles visited
-  std::uint64_t payload_bytes = 0;  ///< of those tiles
-  std::uint64_t dropped = 0;        ///< tiles, and whole records, that `fix` dropped
-  bool complete = false;            ///< no tile is missing, after dropping
+  std::vector<Finding> findings;
+  std::uint64_t found = 0, damaged = 0, unfixed = 0, tiles = 0, payload_bytes = 0, dropped = 0;
+  bool complete = false;
+
+  static constexpr const char* kPython = "VerifyReport";
+  template <class Member>
+  void describe(Member& member) const {
+    member("findings", findings, "the first 1000; their order does not depend on the threads");
+    member("found", found, "all findings");
+    member("damaged", damaged, "findings of damage: all but C1 and T3");
+    member("unfixed", unfixed, "of those, still in the file");
+    member("tiles", tiles, "visited");
+    member("payload_bytes", payload_bytes, "of them");
+    member("dropped", dropped, "tiles, and whole records, that fix dropped");
+    member("complete", complete, "no tile is missing, after dropping");
+  }
 };
 
 /// Checks every page, record and tile. Progress counts tiles. Damage is not an error but a finding

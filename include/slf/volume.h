@@ -200,15 +200,29 @@ struct VolumeOptions {
 
 /// A volume, or several time points of it, among the DICOM files of a folder.
 struct VolumeSeries {
-  std::string id;   ///< its number if no other series has it, else the UID; ":2" for a second part
-  std::string uid;  ///< SeriesInstanceUID
-  std::string number, description, modality;  ///< as the files state them, maybe empty
-  std::uint32_t slices = 0;                   ///< of all time points
-  std::array<std::uint32_t, 3> dims{};        ///< 0 for what is unknown
+  std::string id;  ///< its number if no other series has it, else the UID; ":2" for a second part
+  std::string uid, number, description, modality;
+  std::uint32_t slices = 0;
+  std::array<std::uint32_t, 3> dims{};
   ScalarType type = ScalarType::u8;
-  std::uint32_t components = 1;
-  std::uint32_t times = 1;
-  std::string problem{};  ///< why it cannot be read as a volume, if that is known already
+  std::uint32_t components = 1, times = 1;
+  std::string problem{};
+
+  template <class Member>
+  void describe(Member& member) const {
+    member("id", id, "what --series takes");
+    member("uid", uid, "SeriesInstanceUID");
+    member("number", number, "SeriesNumber; may be empty");
+    member("description", description, "SeriesDescription; may be empty");
+    member("modality", modality, "CT, MR, …; may be empty");
+    member("slices", slices, "of all time points", R"("minimum": 1)");
+    member("dims", dims, "voxels along x, y, z; 0 is unknown");
+    member("type", name(type), "of a component");
+    member("components", components, "numbers of a voxel", R"("minimum": 1)");
+    member("times", times, "time points", R"("minimum": 1)");
+    member("problem", problem.empty() ? nullptr : &problem,
+           "why it is no volume; absent: nothing is known against it");
+  }
 };
 
 struct SeriesList {

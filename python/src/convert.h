@@ -12,6 +12,8 @@
 #include <utility>
 #include <vector>
 
+#include "base/report.h"
+#include "calls.h"
 #include "slf/camera.h"
 #include "slf/inspect.h"
 #include "slf/render.h"
@@ -34,6 +36,32 @@ using ToneTuple = std::tuple<float, std::string>;
 template <class... Values>
 py::object tuple_named(const char* name, Values&&... values) {
   return py::module_::import("slf._types").attr(name)(std::forward<Values>(values)...);
+}
+
+/// A report (base/report.h), or a member of one, as Python has it: named tuples and tuples.
+template <class T>
+py::object python_of(const T& value) {
+  if constexpr (report::Report<T>) {
+    py::list members;
+    const auto add = [&](const report::Name& name, const auto& member, const char*,
+                         const char* = "") {
+      if (name.python) members.append(python_of(member));
+    };
+    value.describe(add);
+    return tuple_named(T::kPython, *members);
+  } else if constexpr (report::Pointer<T> || report::Optional<T>) {
+    return value ? python_of(*value) : py::none();
+  } else if constexpr (report::Text<T>) {
+    return py::cast(Text(value));
+  } else if constexpr (report::Vector<T>) {
+    return py::make_tuple(value.x, value.y, value.z);
+  } else if constexpr (report::List<T>) {
+    py::list list;
+    for (const auto& one : value) list.append(python_of(one));
+    return py::tuple(list);
+  } else {
+    return py::cast(value);
+  }
 }
 
 inline glm::dvec3 vector_of(const Triple& v) { return {v[0], v[1], v[2]}; }

@@ -44,13 +44,7 @@ std::unique_ptr<OpenField> in_state(const OpenField& open, const State& state) {
 
 py::object content(const OpenField& open) {
   LongCall call;
-  const auto content = call.value(open.field().path(), [&] { return open.field().content(); });
-  py::list levels;
-  for (const LevelContent& level : content.levels)
-    levels.append(tuple_named("Level", level.level, level.tiles, level.stored, level.empty,
-                              level.slabs, level.payload_bytes));
-  return tuple_named("Content", py::tuple(levels), content.complete, content.file_bytes,
-                     content.payload_bytes);
+  return python_of(call.value(open.field().path(), [&] { return open.field().content(); }));
 }
 
 /// `structures`: none for those that are shown if nothing is chosen.
@@ -99,10 +93,7 @@ py::object pick(OpenField& open, const CameraTuple& camera, double x, double y) 
   LongCall call;
   const auto found =
       call.value(open.field().path(), [&] { return open.pick(camera_of(camera), x, y); });
-  if (!found) return py::none();
-  const glm::dvec3& p = found->point;
-  return tuple_named("PickedPoint", py::make_tuple(p.x, p.y, p.z), found->depth,
-                     found->uncertainty);
+  return python_of(found);
 }
 
 // ---- tiles -------------------------------------------------------------------------------------
@@ -122,11 +113,8 @@ py::list tiles(const OpenField& open, unsigned first_level, std::optional<unsign
       return {};
     });
   });
-  const py::object type = py::module_::import("slf._types").attr("Tile");
   py::list out;
-  for (const ListedTile& tile : listed)
-    out.append(type(tile.address.level, tile.address.entry, tile.address.exit, name(tile.state),
-                    tile.payload_bytes, tile.offset_bytes));
+  for (const ListedTile& tile : listed) out.append(python_of(tile));
   return out;
 }
 
@@ -158,24 +146,7 @@ py::object verify(const Text& path, const OpenField* open, bool quick, bool fix,
     return open ? verify_field(open->field(), options, call.progress())
                 : verify_field(path, options, call.progress());
   });
-  py::list findings;
-  for (const Finding& finding : report.findings)
-    findings.append(tuple_named("Finding", id(finding.kind), Text(finding.message)));
-  return tuple_named("VerifyReport", py::tuple(findings), report.found, report.damaged,
-                     report.unfixed, report.tiles, report.payload_bytes, report.dropped,
-                     report.complete);
-}
-
-py::object mean_and_max(const MeanAndMax& value) {
-  return tuple_named("MeanAndMax", value.mean, value.max);
-}
-
-py::object measured(const LevelMeasure& m, bool total) {
-  return tuple_named("LevelMeasure", total ? py::object(py::none()) : py::int_(m.level), m.tiles,
-                     mean_and_max(m.tiles_touched), mean_and_max(m.pairs_crossed),
-                     mean_and_max(m.compressed_bytes), mean_and_max(m.map_pages),
-                     mean_and_max(m.decoded_peak_bytes), mean_and_max(m.fraction),
-                     mean_and_max(m.pair_fraction));
+  return python_of(report);
 }
 
 py::object measure(const OpenField& open, const std::vector<CameraTuple>& cameras,
@@ -187,12 +158,8 @@ py::object measure(const OpenField& open, const std::vector<CameraTuple>& camera
   options.levels = levels;
   options.renderer = open.options();
   LongCall call(std::move(progress));
-  const auto measurement = call.value(
-      open.field().path(), [&] { return measure_views(open.field(), options, call.progress()); });
-  py::list out;
-  for (const LevelMeasure& level : measurement.levels) out.append(measured(level, false));
-  return tuple_named("Measurement", py::tuple(out), measured(measurement.total, true),
-                     measurement.rss_anon_peak, measurement.rss_file_peak);
+  return python_of(call.value(
+      open.field().path(), [&] { return measure_views(open.field(), options, call.progress()); }));
 }
 
 // ---- moving cameras ----------------------------------------------------------------------------
@@ -244,9 +211,7 @@ py::tuple draw(OpenPlayer& open, const CameraTuple& camera, const std::optional<
     SLF_TRY(open.player->draw(camera_of(camera), image, &report));
     return map_tones(*open.field, mapping, display, image);
   }));
-  return py::make_tuple(colors_of(image),
-                        tuple_named("Frame", report.seconds, report.full_share(), report.tiles,
-                                    report.misses, report.loads, report.load_bytes));
+  return py::make_tuple(colors_of(image), python_of(report));
 }
 
 void settle(OpenPlayer& open) {

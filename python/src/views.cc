@@ -79,14 +79,13 @@ py::object export_field(const Text& field, const Text& output, const Text& views
   options.first = first_of(state, structures);
   options.existing = force ? Existing::replace : Existing::keep;
   LongCall call(std::move(progress));
-  const Field exported = call.value(field, [&] {
+  return python_of(call.value(field, [&] {
     auto written = page::export_field(field, output, options, call.progress(), call.progress());
     if (!written && std::string_view(written.error().choice ? written.error().choice : "")
                         .starts_with("replace"))
       written.error().message += "; force=True overwrites it";
     return written;
-  });
-  return tuple_named("ExportReport", exported.file_bytes(), exported.shape().levels);
+  }));
 }
 
 }  // namespace

@@ -41,8 +41,7 @@ py::object build(const Recipe& recipe, const Scenes& scenes, const Text& path, s
       call, [&] { return build_field(states, path, options, call.progress()); });
   for (const auto& [name, handle] : scenes)
     if (handle.rays) handle.rays->rethrow();
-  const auto report = value_of(std::move(built), path);
-  return tuple_named("BuildReport", report.tiles, report.resumed);
+  return python_of(value_of(std::move(built), path));
 }
 
 py::object repack(const std::vector<std::pair<const OpenField*, Texts>>& fields, const Text& path,
@@ -57,42 +56,25 @@ py::object repack(const std::vector<std::pair<const OpenField*, Texts>>& fields,
              state_sources(open->field(), std::vector<std::string>(names.begin(), names.end()))))
       states.push_back(std::move(state));
   LongCall call(std::move(progress));
-  const auto report =
-      call.value(path, [&] { return join_states(states, path, options, call.progress()); });
-  return tuple_named("RepackReport", report.tiles, report.copied, report.recoded, report.missing,
-                     report.payload_bytes, report.file_bytes);
+  return python_of(
+      call.value(path, [&] { return join_states(states, path, options, call.progress()); }));
 }
 
 py::object merge(const Texts& parts, const Text& path, bool part, std::uint64_t memory,
                  unsigned threads, bool replace, py::object progress) {
   const MergeOptions options{memory, threads, part, replace};
   LongCall call(std::move(progress));
-  const auto report = call.value(path, [&] {
+  return python_of(call.value(path, [&] {
     return merge_fields({parts.begin(), parts.end()}, path, options, call.progress());
-  });
-  return tuple_named("MergeReport", report.tiles, report.payload_bytes, report.file_bytes);
+  }));
 }
 
 py::object diff(const OpenField& a, const OpenField& b, unsigned threads, bool all_states,
                 py::object progress) {
   LongCall call(std::move(progress));
-  const auto difference = value_of(call.without_gil([&] {
+  return python_of(value_of(call.without_gil([&] {
     return diff_fields(a.field(), b.field(), {threads, all_states}, call.progress());
-  }));
-  py::list channels;
-  for (const ChannelDifference& c : difference.channels) {
-    py::object worst = py::none();
-    if (c.worst) {
-      const TileAddress address = address_of(a.field(), *c.worst);
-      worst = py::make_tuple(address.level, address.entry, address.exit);
-    }
-    channels.append(tuple_named("ChannelDifference", Text(c.channel), c.compared, c.only_in_a,
-                                c.only_in_b, c.recoded, c.differing, c.psnr, c.worst_psnr, worst));
-  }
-  return tuple_named(
-      "Difference", difference.equal(), difference.comparable,
-      py::tuple(py::cast(Texts(difference.manifest.begin(), difference.manifest.end()))),
-      py::tuple(channels));
+  })));
 }
 
 py::object evaluate(const OpenField& open, const SceneHandle& handle,
@@ -104,15 +86,12 @@ py::object evaluate(const OpenField& open, const SceneHandle& handle,
   options.renderer = open.options();
   options.supersample = supersample;
   LongCall call(std::move(progress));
-  const auto evaluation = value_of(
-      handle.trace(
-          call,
-          [&] { return evaluate_views(open.field(), *handle.scene, options, call.progress()); }),
-      open.field().path());
-  py::list views;
-  for (const ViewQuality& v : evaluation.views) views.append(py::make_tuple(v.psnr, v.ssim));
-  return tuple_named("Evaluation", evaluation.psnr, evaluation.ssim, py::tuple(views),
-                     evaluation.differs);
+  return python_of(value_of(handle.trace(call,
+                                         [&] {
+                                           return evaluate_views(open.field(), *handle.scene,
+                                                                 options, call.progress());
+                                         }),
+                            open.field().path()));
 }
 
 }  // namespace

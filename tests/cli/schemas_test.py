@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
-"""What `slf ... --json` prints is what schemas/COMMAND.json says, for every command that has it.
+"""What `slf ... --json` prints is what schemas/COMMAND.json says, for every command that has it; and
+these are what the descriptions of reports make.
 
-  schemas_test.py --slf build/release/cli/slf [--schemas schemas]
+  schemas_test.py --slf build/release/cli/slf --tables build/release/cli/slf_tables [--update]
 """
 
 import argparse
@@ -21,6 +22,7 @@ sys.dont_write_bytecode = True
 import host
 
 DATA = HERE.parent / "data"
+SCHEMAS = HERE.parent.parent / "schemas"
 
 # Commands that make what the others read, then some for each schema. A field is F.slf or G.slf, a
 # picture F.png. `diff` and `verify` may end with the codes 7 and 3.
@@ -28,6 +30,7 @@ PREPARE = [
     "build scene:balls -o F.slf --entry 2 --exit 4 --levels 1",
     "repack F.slf -o G.slf --codec jpeg:60 --subfields 0-40",
     "build scene:balls --states s.json -o S.slf --entry 2 --exit 4 --levels 1",
+    "build scene:balls --states z.json -o Z.slf --entry 2 --exit 4 --levels 1",
     "build scene:balls -o part-1.slf --entry 2 --exit 4 --levels 1 --shard 1/2",
     "build scene:balls -o part-2.slf --entry 2 --exit 4 --levels 1 --shard 2/2",
     "cameras --sphere 0,0,0,1 --count 12 --size 32 -o c.json",
@@ -49,14 +52,15 @@ CASES = {
                  "evaluate F.slf --pictures balls --json"],
     "compare": ["compare F.png F.png --json", "compare F.png G.png --json"],
     "repack": ["repack F.slf -o H.slf -f --json", "repack F.slf -o H.slf -f --levels 0 --json",
-               "repack F.slf --codec predictive:50 --dry-run --json"],
+               "repack F.slf --codec predictive:50 --dry-run --json",
+               "repack S.slf --split-states -o {state}.slf --json"],
     "verify": ["verify F.slf --json", f"verify {DATA}/golden/flipped_tile.slf --json",
                f"verify {DATA}/golden/incomplete.slf --json"],
     "transfer": ["transfer --json --list", "transfer ct-bone --json"],
     "ls": ["ls F.slf --json", "ls S.slf --state again --json", "ls G.slf --json --missing --level 1 --subfields 3",
            f"ls {DATA}/golden/incomplete.slf --json"],
     "diff": ["diff F.slf F.slf --json", "diff F.slf G.slf --json",
-             f"diff F.slf {DATA}/golden/example.slf --json"],
+             f"diff F.slf {DATA}/golden/example.slf --json", "diff S.slf Z.slf --json"],
     "export": ["export F.slf -o F.html -f --json", "export F.slf -o site -f --levels 0 --json"],
     "view": [],  # below: it ends when it is told to
     "play": ["play F.slf --orbit 0,20,3 --seconds 0.2 --fps 10 --size 32 --json"],
@@ -64,6 +68,9 @@ CASES = {
 
 STATES = {"states": [{"name": "balls"}, {"name": "globe", "input": "scene:globe"},
                      {"name": "again"}]}
+
+OTHER_STATES = {"states": [{"name": "balls"}, {"name": "globe"},
+                           {"name": "again", "input": "scene:globe"}]}
 
 # Commands that take long with large fields.
 LONG = [
@@ -96,8 +103,8 @@ def texts(document, path="$"):
 
 
 class Checker:
-    def __init__(self, slf, schemas, folder):
-        self.slf, self.schemas, self.folder = slf, schemas, folder
+    def __init__(self, slf, folder):
+        self.slf, self.folder = slf, folder
         self.failures = 0
 
     def run(self, line):
@@ -109,7 +116,7 @@ class Checker:
         print(text)
 
     def schema(self, name):
-        schema = json.loads((self.schemas / f"{name}.json").read_text())
+        schema = json.loads((SCHEMAS / f"{name}.json").read_text())
         jsonschema.Draft7Validator.check_schema(schema)
         return jsonschema.Draft7Validator(schema)
 
@@ -181,12 +188,23 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__,
                                      formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--slf", required=True, type=pathlib.Path)
-    parser.add_argument("--schemas", type=pathlib.Path, default=HERE.parent.parent / "schemas")
+    parser.add_argument("--tables", required=True, type=pathlib.Path)
+    parser.add_argument("--update", action="store_true", help="only write schemas/*.json")
     arguments = parser.parse_args()
+    for name, schema in json.loads(subprocess.check_output([arguments.tables, "schemas"])).items():
+        file = SCHEMAS / f"{name}.json"
+        text = json.dumps(schema, indent=2, ensure_ascii=False) + "\n"
+        if arguments.update:
+            file.write_text(text)
+        elif not file.exists() or file.read_text() != text:
+            sys.exit(f"{file} is not what is described: schemas_test.py --update writes it")
+    if arguments.update:
+        return
     with tempfile.TemporaryDirectory(prefix="slf-schemas-") as folder:
-        checker = Checker(arguments.slf.resolve(), arguments.schemas, folder)
+        checker = Checker(arguments.slf.resolve(), folder)
         pathlib.Path(folder, "v.raw").write_bytes(bytes(range(8)))
         pathlib.Path(folder, "s.json").write_text(json.dumps(STATES))
+        pathlib.Path(folder, "z.json").write_text(json.dumps(OTHER_STATES))
         checker.schema("recipe").validate(STATES)
         for line in PREPARE:
             done = checker.run(line)
