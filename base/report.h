@@ -1,8 +1,7 @@
 // Reports: what commands print and Python returns. Each is a struct that describes its members
 // once, from which its JSON, the schema of that, and a named tuple of Python follow:
 //
-//   template <class Member>
-//   void describe(Member& member) const {
+//   void describe(auto& member) const {
 //     member("file_bytes", file_bytes, "of the output");
 //   }
 //

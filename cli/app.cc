@@ -82,7 +82,10 @@ class BriefFormatter : public CLI::Formatter {
     kinds_ = mode == CLI::AppFormatMode::All                   ? 0
              : recipe.input.empty() || is_recipe(recipe.input) ? unsigned{recipe::kAny}
                                                                : unsigned{recipe::kind_of(recipe)};
-    return CLI::Formatter::make_help(app, name, mode);
+    std::string help = CLI::Formatter::make_help(app, name, mode);
+    for (std::size_t at = 0; (at = help.find("\n\n\n", at)) != std::string::npos;)
+      help.erase(at, 1);  // of groups that are left out
+    return help;
   }
 
   std::string make_group(std::string group, bool is_positional,
@@ -98,6 +101,7 @@ class BriefFormatter : public CLI::Formatter {
   /// Of options of recipes, what stands before the first semicolon.
   std::string make_option_desc(const CLI::Option* option) const override {
     const std::string text = CLI::Formatter::make_option_desc(option);
+    if (option->get_name() == "INPUT" && kinds_ == recipe::kVolume) return kVolumeHelp;
     return kinds_ != 0 && row_of(*option) ? text.substr(0, text.find(';')) : text;
   }
 

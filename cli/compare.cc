@@ -18,8 +18,7 @@ struct CompareArguments {
 struct Compared {
   ImageDifference difference{};
 
-  template <class Member>
-  void describe(Member& member) const {
+  void describe(auto& member) const {
     difference.describe(member);
     member("equal", !std::isfinite(difference.psnr), "every pixel is the same");
   }

@@ -68,42 +68,21 @@ struct SphereInfo {
   glm::dvec3 center{0.0};
   double radius = 0;
 
-  template <class Member>
-  void describe(Member& member) const {
+  void describe(auto& member) const {
     member("center", center, "world units");
     member("radius", radius, "world units", R"("minimum": 0)");
-  }
-};
-struct VersionInfo {
-  unsigned major = 0, minor = 0;
-
-  template <class Member>
-  void describe(Member& member) const {
-    member("major", major, "version of the format");
-    member("minor", minor, "version of the format");
   }
 };
 struct StateInfo {
   std::string name{};
   nlohmann::json provenance{};
 
-  template <class Member>
-  void describe(Member& member) const {
+  void describe(auto& member) const {
     member("name", name, "");
     member("provenance", &provenance,
            "what differs from that of the field: a merge patch (RFC 7386)", R"("type": "object")");
   }
 };
-struct PartInfo {
-  std::array<std::uint64_t, 2> begin{}, end{};
-
-  template <class Member>
-  void describe(Member& member) const {
-    member("begin", begin, "level and index");
-    member("end", end, "level and index");
-  }
-};
-
 /// The manifest of a field, and what the file has of it.
 struct FieldInfo {
   nlohmann::json manifest = nlohmann::json::object();
@@ -114,13 +93,13 @@ struct FieldInfo {
   [[nodiscard]] report::Typed<T> typed(const char* name) const {
     return {manifest.value(name, nlohmann::json())};
   }
-  template <class Member>
-  void describe(Member& member) const {
+  void describe(auto& member) const {
     constexpr const char* kPositive = R"("minimum": 1)";
     const auto if_stated = [&](const char* name, const auto& value, const char* help) {
       member(name, value.value.is_null() ? nullptr : &value, help);
     };
-    member("slf", typed<VersionInfo>("slf"), "");
+    member("slf", typed<std::map<std::string, unsigned>>("slf"),
+           "version of the format, major and minor");
     member("required", typed<std::vector<std::string>>("required"),
            "features that a reader must know");
     member("sphere", typed<SphereInfo>("sphere"), "");
@@ -141,7 +120,8 @@ struct FieldInfo {
            "source and settings of the build; free form", R"("type": "object")");
     if_stated("states", typed<std::vector<StateInfo>>("states"),
               "variants of the object; absent: one, without a name");
-    if_stated("part", typed<PartInfo>("part"), "the tiles that the file is to hold; absent: all");
+    if_stated("part", typed<std::map<std::string, std::array<std::uint64_t, 2>>>("part"),
+              "the tiles that the file is to hold: begin and end, level and index; absent: all");
     member("entry_resolution", entry_resolution, "of the finest level", kPositive);
     member("exit_resolution", exit_resolution, "of the finest level", kPositive);
     content.describe(member);
@@ -191,8 +171,7 @@ struct VolumeInfo {
   std::array<double, 2> range{};
   std::vector<VolumeSeries> series{};
 
-  template <class Member>
-  void describe(Member& member) const {
+  void describe(auto& member) const {
     const auto& axes = volume.axes;
     member("source", volume.source, "path");
     member("dims", volume.dims, "voxels along x, y, z",
@@ -244,30 +223,16 @@ void print_volume(const Volume& volume) {
     print("note    {}; {}\n", kLabelsHint, hint_of("labels"));
 }
 
-struct TextureInfo {
-  std::string name{};
-  std::uint32_t width = 0, height = 0;
-
-  template <class Member>
-  void describe(Member& member) const {
-    member("name", name, "");
-    member("width_pixels", width, "");
-    member("height_pixels", height, "");
-  }
-};
 struct MeshInfo {
   Mesh mesh{};
   std::pair<glm::dvec3, glm::dvec3> box{};
 
-  template <class Member>
-  void describe(Member& member) const {
-    std::vector<TextureInfo> textures;
-    for (const MeshTexture& t : mesh.textures) textures.push_back({t.name, t.width, t.height});
+  void describe(auto& member) const {
     member("source", mesh.source, "the path");
     member("triangles", mesh.triangles.size(), "");
     member("vertices", mesh.positions.size(), "");
     member("materials", mesh.materials.size(), "");
-    member("textures", textures, "");
+    member("textures", mesh.textures, "");
     member("normals", !mesh.normals.empty(), "whether the file has normals");
     member("colors", !mesh.colors.empty(), "whether vertices have colours");
     member("low", box.first, "corner of the box, world units");
@@ -296,8 +261,7 @@ struct SeriesInfo {
   std::string source{};
   SeriesList list{};
 
-  template <class Member>
-  void describe(Member& member) const {
+  void describe(auto& member) const {
     member("source", source, "path");
     member("series", list.series, "DICOM series of the folder");
     member("notes", list.notes, "files that cannot be read");
@@ -349,8 +313,7 @@ struct PicturesInfo {
   std::map<std::string, unsigned> sizes{}, lenses{};
   std::size_t masks = 0, depths = 0;
 
-  template <class Member>
-  void describe(Member& member) const {
+  void describe(auto& member) const {
     member("source", set.source, "the file or folder of cameras");
     member("pictures", set.pictures.size(), "how many", R"("minimum": 1)");
     member("sizes", sizes, "pictures of each size, as 800x600");

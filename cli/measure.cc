@@ -46,8 +46,7 @@ struct MeasuredRun {
   double distance_radii = 0;
   Measurement measured{};
 
-  template <class Member>
-  void describe(Member& member) const {
+  void describe(auto& member) const {
     member("field", field, "path");
     member("codec", codec, "of the field");
     member("views", views, "random views", kPositive);
@@ -61,10 +60,7 @@ struct MeasuredRun {
 struct Measured {
   std::vector<MeasuredRun> runs{};
 
-  template <class Member>
-  void describe(Member& member) const {
-    member("runs", runs, "one for each setting");
-  }
+  void describe(auto& member) const { member("runs", runs, "one for each setting"); }
 };
 
 void print_measurement(const Measurement& m) {
@@ -143,8 +139,7 @@ struct EvaluatedViews {
   std::uint64_t seed = 0, file_bytes = 0;
   Evaluation evaluation{};
 
-  template <class Member>
-  void describe(Member& member) const {
+  void describe(auto& member) const {
     member("views", views, "random views", kPositive);
     member("mode", name(view.mode), "of drawing");
     member("level", view.level, "drawn");
@@ -164,8 +159,7 @@ struct EvaluatedPictures {
   PictureQuality mean{};
   std::uint64_t file_bytes = 0;
 
-  template <class Member>
-  void describe(Member& member) const {
+  void describe(auto& member) const {
     member("pictures", pictures.size(), "how many", kPositive);
     member("mode", name(view.mode), "of drawing");
     member("level", view.level, "drawn");
@@ -251,7 +245,7 @@ Result<void> run_evaluate(const EvaluateArguments& a) {
                               a.views.seed, field.file_bytes(), evaluation});
   } else {
     print("{}: mode {}, level {}: PSNR {:.2f} dB, SSIM {:.4f} (mean of {} views), {}\n",
-          a.field.path, name(view.mode), view.level, evaluation.mean.psnr, evaluation.mean.ssim,
+          a.field.path, name(view.mode), view.level, evaluation.psnr, evaluation.ssim,
           a.views.views, human_bytes(field.file_bytes()));
   }
   return {};

@@ -13,17 +13,6 @@ struct MergeArguments {
   bool json = false;
 };
 
-struct Merged {
-  std::size_t parts = 0;
-  MergeReport report{};
-
-  template <class Member>
-  void describe(Member& member) const {
-    member("parts", parts, "files");
-    report.describe(member);
-  }
-};
-
 Result<void> run_merge(const MergeArguments& a) {
   bound_freed_memory(a.merge.memory);
   const auto report =
@@ -33,7 +22,7 @@ Result<void> run_merge(const MergeArguments& a) {
   if (!report) return hinted(Result<void>(tl::unexpected(report.error())));
   note_budget(a.output, a.merge.memory, report->memory);
   if (a.json)
-    print_json(Merged{a.parts.size(), *report});
+    print_json(*report);
   else
     print("{}: {}, {} tiles of {} parts\n", a.output, human_bytes(report->file_bytes),
           report->tiles, a.parts.size());
@@ -54,7 +43,7 @@ void add_merge(CLI::App& app, Run& run) {
                     "The parts need not be all: the output may be a part, too");
   add_budget(*command, a->merge.memory);
   add_threads(*command, a->merge.threads);
-  add_json<Merged>(*command, a->json);
+  add_json<MergeReport>(*command, a->json);
 }
 
 }  // namespace slf::cli

@@ -27,8 +27,7 @@ struct Picked {
   std::optional<PickedPoint> found{};
   std::string unit{};
 
-  template <class Member>
-  void describe(Member& member) const {
+  void describe(auto& member) const {
     const auto of_point = [&](auto part) {
       return found ? std::optional((*found).*part) : std::nullopt;
     };

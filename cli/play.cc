@@ -89,8 +89,7 @@ struct Summary {
   std::vector<double> level_shares{};
   ResidentMemory peak{};
 
-  template <class Member>
-  void describe(Member& member) const {
+  void describe(auto& member) const {
     constexpr const char* kNotNegative = R"("minimum": 0)";
     member("frames", frames, "drawn");
     member("late", late, "frames");
@@ -140,8 +139,7 @@ struct PlayResult {
   Summary summary{};
   std::vector<FrameReport> frames{};
 
-  template <class Member>
-  void describe(Member& member) const {
+  void describe(auto& member) const {
     member("loading", name(loading), "way of loading");
     member("summary", summary, "");
     member("frames", frames, "in order");
@@ -155,8 +153,7 @@ struct Played {
   std::uint64_t memory_bytes = 0;
   std::vector<PlayResult> runs{};
 
-  template <class Member>
-  void describe(Member& member) const {
+  void describe(auto& member) const {
     member("field", field, "path");
     member("fps", fps, "frames a second", R"("minimum": 0)");
     member("width_pixels", size.width, "of the pictures", R"("minimum": 1)");

@@ -31,8 +31,7 @@ struct ProgressLine {
   double elapsed_seconds = 0;
   std::optional<double> remaining_seconds{};
 
-  template <class Member>
-  void describe(Member& member) const {
+  void describe(auto& member) const {
     member("task", task, "what is under way");
     member("unit", unit, "what is counted: rays, tiles, frames");
     member("done", done, "units");

@@ -68,8 +68,7 @@ struct ViewCost {
   ViewStatistics view{};
   Footprint file{};
 
-  template <class Member>
-  void describe(Member& member) const {
+  void describe(auto& member) const {
     member("mode", mode, "of drawing");
     member("level", view.level_pixels.size() - 1, "finest level drawn");
     member("tiles_touched", view.tiles.size(), "tiles");

@@ -21,50 +21,27 @@ struct RepackArguments {
   bool force = false, dry_run = false, no_light = false, json = false;
 };
 
-/// A report of repacking, and the size of what was repacked.
-template <class Report>
-struct OfInput {
-  Report report{};
-  std::uint64_t input_bytes = 0;
-
-  template <class Member>
-  void describe(Member& member) const {
-    report.describe(member);
-    member("input_bytes", input_bytes, "of the input file");
-  }
-};
-
 /// A file of --split-states.
 struct SplitState {
   std::string state{}, output{};
   RepackReport report{};
 
-  template <class Member>
-  void describe(Member& member) const {
+  void describe(auto& member) const {
     member("state", state, "its name");
     member("output", output, "the file that was written");
     report.describe(member);
   }
 };
-struct Split {
-  std::vector<SplitState> states{};
-
-  template <class Member>
-  void describe(Member& member) const {
-    member("states", states, "a file for each");
-  }
-};
-
 /// --dry-run: prints the estimated size of the output.
 Result<void> estimate(const RepackArguments& a, const Field& field, const RepackOptions& options) {
   const auto estimate =
       SLF_TRY(estimate_repack(field, options, progress_bar("estimate", "tiles", OnSignal::end)));
   if (a.json)
-    print_json(OfInput<RepackEstimate>{estimate, field.file_bytes()});
+    print_json(estimate);
   else
     print("would write {}, give or take {} (now {}); {} of {} tiles encoded to estimate it\n",
           human_bytes(estimate.file_bytes), human_bytes(estimate.file_error_bytes),
-          human_bytes(field.file_bytes()), estimate.sampled, estimate.tiles);
+          human_bytes(estimate.input_bytes), estimate.sampled, estimate.tiles);
   return {};
 }
 
@@ -79,13 +56,13 @@ Result<void> split(const RepackArguments& a, std::span<const StateSource> states
         !is_new)
       return misuse(file->first, "is the file of the state '", file->second, "', and of '",
                     state.name, "', too; choose one with --states");
-  Split all;
+  std::vector<SplitState> all;
   for (const StateSource& state : states) {
     const std::string path = name_of_state(a.output, state.name);
     const auto report = SLF_TRY(
         repack_field(state.field, path, options, progress_bar("repack", "tiles", OnSignal::stop)));
     if (!a.json) print("{}: {}\n", path, human_bytes(report.file_bytes));
-    all.states.push_back({state.name, path, report});
+    all.push_back({state.name, path, report});
   }
   if (a.json) print_json(all);
   return {};
@@ -127,10 +104,10 @@ Result<void> run_repack(const RepackArguments& a) {
   const auto report = SLF_TRY(hinted(join_states(states, a.output, options, bar)));
   note_budget(a.output, a.repack.memory, report.memory);
   if (a.json)
-    print_json(OfInput<RepackReport>{report, field.file_bytes()});
+    print_json(report);
   else
     print("{}: {} (was {}), {} tiles copied, {} recoded{}\n", a.output,
-          human_bytes(report.file_bytes), human_bytes(field.file_bytes()), report.copied,
+          human_bytes(report.file_bytes), human_bytes(report.input_bytes), report.copied,
           report.recoded,
           report.missing ? fmt::format(", {} missing as in the input", report.missing) : "");
   return {};
@@ -218,7 +195,7 @@ void add_repack(CLI::App& app, Run& run) {
                     "it again");
   add_budget(*command, a->repack.memory);
   add_threads(*command, a->repack.threads);
-  add_json<OfInput<RepackReport>, OfInput<RepackEstimate>, Split>(*command, a->json);
+  add_json<RepackReport, RepackEstimate, std::vector<SplitState>>(*command, a->json);
 }
 
 void add_verify(CLI::App& app, Run& run) {

@@ -34,8 +34,7 @@ std::array<double, 2> extent(const TransferFunction& f) {
 struct Listed {
   TransferPreset preset{};
 
-  template <class Member>
-  void describe(Member& member) const {
+  void describe(auto& member) const {
     const auto [from, to] = extent(preset.function);
     member("name", preset.function.name, "of the function");
     member("values", name_of(preset.values), "what the values refer to",

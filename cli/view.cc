@@ -32,8 +32,7 @@ struct FirstArguments : page::First {
 struct Serving {
   std::string url{};
 
-  template <class Member>
-  void describe(Member& member) const {
+  void describe(auto& member) const {
     member("url", url, "address of the page, or of a list of fields", R"("format": "uri")");
   }
 };

@@ -38,8 +38,7 @@ struct ExportReport {
   unsigned level = 0;
 
   static constexpr const char* kPython = "ExportReport";
-  template <class Member>
-  void describe(Member& member) const {
+  void describe(auto& member) const {
     member({"output", nullptr}, output, "the page or the folder that was written");
     member("field_bytes", field_bytes, "length of the field in it");
     member({"level", "finest_level"}, level, "its finest level");

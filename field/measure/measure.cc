@@ -313,8 +313,8 @@ Result<Evaluation> evaluate_views(const Field& field, const Scene& scene,
     for (Image* picture : {&expected, &image})
       SLF_TRY(map_tones(field, std::nullopt, /*display=*/true, *picture));
     const ViewQuality& view = result.views.emplace_back(compare(expected, image));
-    result.mean.psnr += view.psnr / static_cast<double>(cameras.size());
-    result.mean.ssim += view.ssim / static_cast<double>(cameras.size());
+    result.psnr += view.psnr / static_cast<double>(cameras.size());
+    result.ssim += view.ssim / static_cast<double>(cameras.size());
   }
   return result;
 } catch (...) {

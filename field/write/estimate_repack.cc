@@ -141,6 +141,7 @@ Result<RepackEstimate> estimate_repack(const Field& handle, const RepackOptions&
   estimate.payload_error_bytes = whole(error);
   estimate.file_bytes = whole(file);
   estimate.file_error_bytes = whole(error + kFileUncertainty * file + kTreeBytes / 2);
+  estimate.input_bytes = handle.file_bytes();
   return estimate;
 } catch (...) {
   return tl::unexpected(error_of_exception());

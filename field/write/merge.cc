@@ -22,7 +22,7 @@ Result<MergeReport> merge_fields(const std::vector<std::string>& parts, const st
   SLF_TRY(reporter.add(0));
   auto writer = SLF_TRY(FieldWriter::create(output, FieldWriter::Draft::discard, plan.manifest,
                                             plan.tables, plan.light));
-  MergeReport report;
+  MergeReport report{.parts = parts.size()};
   for (const MergeSegment& segment : plan.segments) {
     const std::string& part = parts[segment.source];
     const auto store = SLF_TRY(storage::TileStore::open(part));

@@ -71,6 +71,7 @@ Result<RepackReport> repack(std::span<const StateSource> states, const std::stri
   report.missing = TileOrder(manifest.shape).count() - written.tiles;
   report.payload_bytes = written.payload_bytes;
   report.file_bytes = file_size(output.target).value_or(0);
+  report.input_bytes = states.front().field.file_bytes();
   report.memory = budget.memory;
   return report;
 }

@@ -53,8 +53,7 @@ struct BuildReport {
   std::uint64_t memory = 0;  ///< the budget
 
   static constexpr const char* kPython = "BuildReport";
-  template <class Member>
-  void describe(Member& member) const {
+  void describe(auto& member) const {
     member("tiles", tiles, "built by this call");
     member("resumed", resumed, "built by earlier calls");
   }

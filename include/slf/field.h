@@ -31,8 +31,7 @@ struct LevelContent {
   std::uint32_t entry_resolution = 0, exit_resolution = 0;
 
   static constexpr const char* kPython = "Level";
-  template <class Member>
-  void describe(Member& member) const {
+  void describe(auto& member) const {
     member("level", level, "0 is the coarsest");
     member("tiles", tiles, "of the complete level");
     member("stored", stored, "tiles with a payload");
@@ -52,8 +51,7 @@ struct FieldContent {
   std::uint64_t file_bytes = 0, payload_bytes = 0;
 
   static constexpr const char* kPython = "Content";
-  template <class Member>
-  void describe(Member& member) const {
+  void describe(auto& member) const {
     member("levels", levels, "by level");
     member("complete", complete, "no tile of the field, or of its part, is missing");
     member("file_bytes", file_bytes, "size of the file");

@@ -56,8 +56,7 @@ struct ImageDifference {
   double psnr = 0, ssim = 0;
 
   static constexpr const char* kPython = "ViewQuality";
-  template <class Member>
-  void describe(Member& member) const {
+  void describe(auto& member) const {
     member("psnr", psnr, "dB; infinite, in JSON null, if there is no difference",
            R"("type": ["number", "null"])");
     member("ssim", ssim, "mean structural similarity");

@@ -29,8 +29,7 @@ struct TileAddress {
   friend bool operator==(const TileAddress&, const TileAddress&) = default;
 
   static constexpr const char* kPython = "TileAddress";
-  template <class Member>
-  void describe(Member& member) const {
+  void describe(auto& member) const {
     member("level", level, "of the tile");
     member("entry", entry, "index of the entry section");
     member("exit", exit, "index of the exit section");
@@ -59,8 +58,7 @@ struct ListedTile {
   std::uint64_t payload_bytes = 0, offset_bytes = 0;
 
   static constexpr const char* kPython = "Tile";
-  template <class Member>
-  void describe(Member& member) const {
+  void describe(auto& member) const {
     member({"tile", nullptr}, to_string(address), "LEVEL/ENTRY/EXIT",
            R"("pattern": "^[0-9]+/[0-9]+/[0-9]+$")");
     member("level", address.level, "0 is the coarsest");
@@ -132,8 +130,7 @@ struct ChannelDifference {
   std::optional<std::string> worst_name{};
 
   static constexpr const char* kPython = "ChannelDifference";
-  template <class Member>
-  void describe(Member& member) const {
+  void describe(auto& member) const {
     constexpr const char* kDecibels = R"("type": ["number", "null"])";
     member("channel", channel, "what was compared", R"("enum": ["color", "depth"])");
     member({"tiles_compared", "compared"}, compared, "tiles that both fields have");
@@ -155,8 +152,7 @@ struct FieldDifference {
   std::vector<ChannelDifference> channels;
 
   static constexpr const char* kPython = "Difference";
-  template <class Member>
-  void describe(Member& member) const {
+  void describe(auto& member) const {
     member("equal", equal(), "the same manifest, and the same tiles with the same bytes");
     member("comparable", comparable,
            "tiles of one key sample the same rays; if not, none was compared");

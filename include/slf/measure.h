@@ -34,8 +34,7 @@ struct MeanAndMax {
   double mean = 0, max = 0;
 
   static constexpr const char* kPython = "MeanAndMax";
-  template <class Member>
-  void describe(Member& member) const {
+  void describe(auto& member) const {
     member("mean", mean, "over the views", R"("minimum": 0)");
     member("max", max, "over the views", R"("minimum": 0)");
   }
@@ -49,8 +48,7 @@ struct LevelMeasure {
       decoded_peak_bytes, fraction, pair_fraction;
 
   static constexpr const char* kPython = "LevelMeasure";
-  template <class Member>
-  void describe(Member& member) const {
+  void describe(auto& member) const {
     member("level", level ? &*level : nullptr, "0 is the coarsest; none: the sum over all");
     member("tiles", tiles, "of the level, in all subfields");
     member("tiles_touched", tiles_touched, "tiles, with neighbours that interpolation reads");
@@ -81,8 +79,7 @@ struct Measurement {
   std::uint64_t rss_anon_peak = 0, rss_file_peak = 0;
 
   static constexpr const char* kPython = "Measurement";
-  template <class Member>
-  void describe(Member& member) const {
+  void describe(auto& member) const {
     member("levels", levels, "by level");
     member("total", total, "the sum over the levels of each view");
     member({"rss_anon_peak_bytes", "rss_anon_peak"}, rss_anon_peak, "bytes: anonymous memory");
@@ -103,16 +100,15 @@ struct Measurement {
 /// Of a view, compared with what it should show.
 using ViewQuality = ImageDifference;
 
-struct Evaluation {
+/// The mean of views.
+struct Evaluation : ViewQuality {
   std::vector<ViewQuality> views;
-  ViewQuality mean;
   /// Empty: nowhere, but for the step of rays.
   std::string differs;
 
   static constexpr const char* kPython = "Evaluation";
-  template <class Member>
-  void describe(Member& member) const {
-    mean.describe(member);
+  void describe(auto& member) const {
+    ViewQuality::describe(member);
     member({"per_view", "views"}, views, "in the order of the views");
     member({nullptr, "differs"}, differs,
            "where the provenances of field and scene differ, which then show two different "
@@ -142,13 +138,11 @@ struct PictureQuality {
   std::string name{};
   ViewQuality whole{}, inside{};
 
-  template <class Member>
-  void describe(Member& member) const {
+  void describe(auto& member) const {
     member("picture", name, "its name in the file of cameras");
     describe_means(member);
   }
-  template <class Member>
-  void describe_means(Member& member) const {
+  void describe_means(auto& member) const {
     whole.describe(member);
     member("psnr_inside", inside.psnr, "dB, of the pixels whose rays cross the sphere",
            R"("type": ["number", "null"])");

@@ -22,15 +22,15 @@ struct MergeOptions {
 };
 
 struct MergeReport {
-  std::uint64_t tiles = 0, payload_bytes = 0, file_bytes = 0;
+  std::uint64_t tiles = 0, payload_bytes = 0, file_bytes = 0, parts = 0;
   std::uint64_t memory = 0;  ///< the budget
 
   static constexpr const char* kPython = "MergeReport";
-  template <class Member>
-  void describe(Member& member) const {
+  void describe(auto& member) const {
     member("tiles", tiles, "written, stored or empty");
     member("payload_bytes", payload_bytes, "written");
     member("file_bytes", file_bytes, "of the output");
+    member("parts", parts, "files");
   }
 };
 

@@ -25,6 +25,12 @@ struct MeshTexture {
   std::string name;  ///< for messages
   std::uint32_t width = 0, height = 0;
   std::vector<glm::u8vec4> texels;
+
+  void describe(auto& member) const {
+    member("name", name, "");
+    member("width_pixels", width, "");
+    member("height_pixels", height, "");
+  }
 };
 
 /// How a texture continues beyond its edges.

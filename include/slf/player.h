@@ -51,8 +51,7 @@ struct FrameReport {
   unsigned load_level = 0;
 
   static constexpr const char* kPython = "Frame";
-  template <class Member>
-  void describe(Member& member) const {
+  void describe(auto& member) const {
     member({"ms", nullptr}, 1000 * seconds, "milliseconds of drawing", R"("minimum": 0)");
     member({nullptr, "seconds"}, seconds, "of drawing");
     member("full_share", full_share(), "of the pixels at the requested level, 0 to 1");

@@ -32,8 +32,7 @@ struct RemoteOptions {
 struct RemoteTraffic {
   std::uint64_t requests = 0, repeated = 0, bytes = 0;
 
-  template <class Member>
-  void describe(Member& member) const {
+  void describe(auto& member) const {
     member("requests", requests, "requests sent, with repeated ones");
     member("repeated", repeated, "of them, sent after a late, short or failed answer");
     member("bytes", bytes, "of the answers, without their headers");

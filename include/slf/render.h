@@ -121,8 +121,7 @@ struct PickedPoint {
   double uncertainty = 0;
 
   static constexpr const char* kPython = "PickedPoint";
-  template <class Member>
-  void describe(Member& member) const {
+  void describe(auto& member) const {
     member("point", point, "in world units");
     member("depth", depth, "distance of the point from the eye, in world units");
     member("uncertainty", uncertainty, "standard deviation of the depth, in world units");

@@ -33,18 +33,19 @@ struct RepackOptions {
 };
 
 struct RepackReport {
-  std::uint64_t tiles = 0, copied = 0, recoded = 0, missing = 0, payload_bytes = 0, file_bytes = 0;
+  std::uint64_t tiles = 0, copied = 0, recoded = 0, missing = 0, payload_bytes = 0, file_bytes = 0,
+                input_bytes = 0;
   std::uint64_t memory = 0;  ///< the budget
 
   static constexpr const char* kPython = "RepackReport";
-  template <class Member>
-  void describe(Member& member) const {
+  void describe(auto& member) const {
     member("tiles", tiles, "written, stored or empty");
     member("copied", copied, "tiles whose bytes were taken over");
     member("recoded", recoded, "tiles decoded and encoded again");
     member("missing", missing, "tiles that the input lacks, and so the output");
     member("payload_bytes", payload_bytes, "written");
     member("file_bytes", file_bytes, "of the output");
+    member("input_bytes", input_bytes, "of the first input");
   }
 };
 
@@ -93,10 +94,9 @@ struct StateSource {
 /// The size that a repack would have.
 struct RepackEstimate {
   std::uint64_t tiles = 0, sampled = 0, payload_bytes = 0, payload_error_bytes = 0, file_bytes = 0,
-                file_error_bytes = 0;
+                file_error_bytes = 0, input_bytes = 0;
 
-  template <class Member>
-  void describe(Member& member) const {
+  void describe(auto& member) const {
     member("tiles", tiles, "stored, empty or missing");
     member("tiles_sampled", sampled, "of them, encoded to estimate the others");
     member("payload_bytes", payload_bytes, "estimate");
@@ -104,6 +104,7 @@ struct RepackEstimate {
            "half of a 95 % confidence interval; 0: exact");
     member("file_bytes", file_bytes, "estimate");
     member("file_error_bytes", file_error_bytes, "the same");
+    member("input_bytes", input_bytes, "of the input");
   }
 };
 

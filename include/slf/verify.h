@@ -32,8 +32,7 @@ struct Finding {
   std::string message{};
 
   static constexpr const char* kPython = "Finding";
-  template <class Member>
-  void describe(Member& member) const {
+  void describe(auto& member) const {
     member({"id", "kind"}, id(kind), "as slf verify prints it; stable",
            R"("enum": ["S1", "M1", "L1", "R1", "K1", "T1", "T2", "T3", "C1"])");
     member("message", message, "file, place and cause");
@@ -53,8 +52,7 @@ struct VerifyReport {
   bool complete = false;
 
   static constexpr const char* kPython = "VerifyReport";
-  template <class Member>
-  void describe(Member& member) const {
+  void describe(auto& member) const {
     member("findings", findings, "the first 1000; their order does not depend on the threads");
     member("found", found, "all findings");
     member("damaged", damaged, "findings of damage: all but C1 and T3");

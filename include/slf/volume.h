@@ -208,8 +208,7 @@ struct VolumeSeries {
   std::uint32_t components = 1, times = 1;
   std::string problem{};
 
-  template <class Member>
-  void describe(Member& member) const {
+  void describe(auto& member) const {
     member("id", id, "what --series takes");
     member("uid", uid, "SeriesInstanceUID");
     member("number", number, "SeriesNumber; may be empty");

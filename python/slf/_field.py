@@ -6,6 +6,7 @@ import atexit
 import contextlib
 import json
 import os
+import re
 import warnings
 import weakref
 from operator import attrgetter
@@ -74,14 +75,20 @@ def _fact(name: str, doc: str, of: Callable[[Any], Any] = lambda value: value) -
 
 
 def _looks(structures: Structures) -> list[Any]:
-    """Structures as the extension module takes them."""
+    """Structures as the extension module takes them, which later changes leave as they are."""
     if isinstance(structures, (str, os.PathLike)):
         return [structures]
     if not isinstance(structures, Mapping):
         return list(structures)
-    return [(key._field if isinstance(key, Field) else key,
-             *(look if isinstance(look, Look) else Look(look)))
-            for key, look in structures.items()]
+    return [(key._field if isinstance(key, Field) else key, float(opacity), tuple(map(float, tint)))
+            for key, look in structures.items()
+            for opacity, tint in [look if isinstance(look, Look) else Look(look)]]
+
+
+def _absolute(path: Path) -> Path:
+    """A path that another working folder leaves as it is; an address as it is."""
+    text = os.fsdecode(path)
+    return path if re.match("https?://", text, re.I) else os.path.abspath(text)
 
 
 class Field:
@@ -97,9 +104,11 @@ class Field:
     def __init__(self, path: Path, *, memory: int = _DEFAULT_MEMORY, threads: int = 0,
                  state: State | None = None, progress: Progress = None) -> None:
         self._open: _slf.Field | None = None
+        path = _absolute(path)
         self._opened_with = (path, memory, threads, state)
         self._structures: Structures | None = None
-        self._composed: tuple[Structures | None, _slf.Field] | None = None
+        self._composed: tuple[list[Any] | None, _slf.Field] | None = None
+        self._states: dict[State, _slf.Field] = {}
         self._others: dict[State, Field] = {}
         self._servers: dict[str, _slf.Server] = {}
         with reporter(progress, "fetch") as report:
@@ -120,6 +129,7 @@ class Field:
     def close(self) -> None:
         """Closes the file. A second call does nothing."""
         self._open = self._composed = None
+        self._states.clear()
         self._others.clear()
         while self._servers:
             self._servers.popitem()[1].close()
@@ -164,32 +174,39 @@ class Field:
     provenance: Any = _fact("provenance", "The source and settings of the build.", json.loads)
 
     def in_state(self, state: State) -> Field:
-        """The same file in another state, by its name or number: a field of its own, with its own
-        memory for tiles. Later calls return the same one. slf.UsageError: there is none."""
-        if state not in self._others:
-            other = self._others[state] = self._variant(self._field.in_state(state), None)
+        """The same file in another state, by its name or number: a field of its own. What of it was
+        drawn last is in memory, in place of what the others drew. Later calls return the same one.
+        slf.UsageError: there is none."""
+        other = self._others.get(state)
+        if other is None or other.closed:
+            other = self._others[state] = self._variant(self._in_state(state), None)
             other._opened_with = (*self._opened_with[:3], state)
-        return self._others[state]
+        return other
+
+    def _in_state(self, state: State) -> _slf.Field:
+        if state not in self._states:
+            self._states[state] = self._field.in_state(state)
+        return self._states[state]
 
     def _variant(self, opened: _slf.Field, structures: Structures | None) -> Field:
         """A field that shows something else of the same file."""
         other = object.__new__(Field)
         other.__dict__.update(self.__dict__, _open=opened, _structures=structures, _composed=None,
-                              _others={}, _servers={})
+                              _states={}, _others={}, _servers={})
         return other
 
     def _drawn(self, state: State | None, structures: Structures | None) -> _slf.Field:
         """What calls with these arguments draw."""
         if structures is None:
             if state is not None:
-                return self.in_state(state)._field
+                return self._in_state(state)
             if self._structures is not None or self._opened_with[3] is not None or not self.states:
                 return self._field
-        if self._composed is None or self._composed[0] != structures:
-            kept = dict(structures) if isinstance(structures, Mapping) else structures
-            looks = None if structures is None else _looks(structures)
-            self._composed = kept, self._field.compose(looks)
-        return self._composed[1]
+        looks = None if structures is None else _looks(structures)
+        composed = self._composed  # another thread may replace it
+        if composed is None or composed[0] != looks:
+            composed = self._composed = looks, self._field.compose(looks)
+        return composed[1]
 
     def content(self) -> Content:
         """Counts the tiles and bytes of each level, of this state.
@@ -268,7 +285,8 @@ class Field:
         Raises slf.UsageError for structures without depth, or on another sphere or lattice, or with
         another kind of colours, and for a name that neither a state nor a file has.
         """
-        return self._variant(self._field.compose(_looks(structures)), structures)
+        kept = dict(structures) if isinstance(structures, Mapping) else _looks(structures)
+        return self._variant(self._field.compose(_looks(kept)), kept)
 
     def pick(self, x: float, y: float, camera: AnyCamera = orbit(),
              size: Size = (512, 512), *, state: State | None = None,
@@ -561,7 +579,8 @@ def export(field: Field | Path, out: Path, *, views: AnyViews = None, state: Sta
     out: a path that ends in .html or .htm becomes one file, which opens from disk (fields up to
         1 GiB); any other a folder for a host of static files.
     views, state, structures: as in Field.show().
-    states, codec, depth, finest_level: what to keep, as in repack().
+    states, codec, depth, finest_level: what to keep, as in repack(): of a field that
+        Field.in_state() made, that state alone.
     max_size: bytes; chooses quality and levels so that the page fits. 0: no limit.
     force: replace that file, or write into a folder that has files in it.
     progress: counts tiles that are encoded, then bytes.
@@ -570,6 +589,10 @@ def export(field: Field | Path, out: Path, *, views: AnyViews = None, state: Sta
     slf.BadFileError: `views` are none.
     """
     with _opened(field) as source, reporter(progress, "export") as report:
+        own = source._opened_with[3] if source._structures is None else None
+        if own is not None and not states and state is structures is None:
+            return _slf.export_field(source.path, out, *_views(views), "", [], [str(own)], codec,
+                                     depth, finest_level, max_size, threads, force, report)
         return _slf.export_field(source.path, out, *_views(views),
                                  *source._first(state, structures), [str(one) for one in states],
                                  codec, depth, finest_level, max_size, threads, force, report)

@@ -87,7 +87,8 @@ def _affine_place(affine: Any) -> _Place:
 class _Voxels(NamedTuple):
     array: Any
     """[z, y, x], perhaps not in memory."""
-    place: _Place
+    place: _Place | None
+    """None: not stated."""
     slope: float = 1.0
     intercept: float = 0.0
     source: str = "array"
@@ -166,7 +167,7 @@ def _voxels(source: Any) -> _Voxels:
         return _from_itk(source)
     if hasattr(source, "dims") and hasattr(source, "coords"):
         return _from_xarray(source)
-    return _Voxels(source, _place(np.zeros(3), np.eye(3)), source=_file_of(source, "array"))
+    return _Voxels(source, None, source=_file_of(source, "array"))
 
 
 def _file_of(array: Any, otherwise: str) -> str:
@@ -247,9 +248,7 @@ def _volume(source: Any, *, labels: bool, folder: str | None, mapped: list[mmap.
     """A volume from an array or an image, and its place. Maps of files that hold voxels are
     appended to `mapped`."""
     voxels = _voxels(source)
-    place = voxels.place
-    if like is not None and voxels.source == "array":
-        place = like
+    place = voxels.place or like or _place(np.zeros(3), np.eye(3))
     if affine is not None:
         place = _affine_place(affine)
     if spacing is not None:
@@ -357,8 +356,6 @@ def described(stack: contextlib.ExitStack, source: Any, settings: Mapping[str, A
     known: the settings that there are.  report: for reading pictures.  folder: for temporary
     files.  truth_of: the provenance of a field to compare with. Called by what users call, whose
     place warnings state."""
-    if states and settings.get("each_label"):
-        raise UsageError("each_label makes states itself, without states=")
     scenes: list[tuple[str, Any]] = []
     shared = _slf.StateScenes() if states else None
     kept: _Kept = {}
@@ -374,14 +371,13 @@ def described(stack: contextlib.ExitStack, source: Any, settings: Mapping[str, A
         mapped: list[mmap.mmap] = []
         recipe = _recipe(given, bool(lit_by), folder, mapped, kept)
         recipe.use_threads(threads)
-        recipe.store_linear()
         if truth_of is not None:
             recipe.compare_with(truth_of)
         notes: list[str] = []
         if isinstance(given["source"], Scene):
             made = [(name, stack.enter_context(ray_scene(given["source"])))]
         else:
-            made = recipe.scenes(shared, name, lit_by, notes, report)
+            made = recipe.scenes(shared, name, lit_by, known is BuildSettings, notes, report)
         for note in notes:
             warnings.warn(note, stacklevel=3)
         for file in mapped:  # rays jump from page to page: reading ahead would be in vain
@@ -413,8 +409,7 @@ def _recipe(given: Mapping[str, Any], lit: bool, folder: str | None, mapped: lis
             settings |= {"exposure": tone.exposure, "tonemap": tone.curve}
     for key, value in settings.items():
         recipe.set(key, value)
-    if _is_path(source) and os.fsdecode(source).endswith(".json") and \
-            not os.fsdecode(source).startswith("pictures:"):
+    if _is_path(source):
         recipe.read(source)
     return recipe
 

@@ -38,8 +38,7 @@ std::unique_ptr<OpenField> open(const Text& path, std::uint64_t memory, unsigned
 template <class State>
 std::unique_ptr<OpenField> in_state(const OpenField& open, const State& state) {
   auto field = open.field().in_state(state);
-  return std::make_unique<OpenField>(value_of(std::move(field), open.field().path()),
-                                     open.options());
+  return open.with(value_of(std::move(field), open.field().path()));
 }
 
 py::object content(const OpenField& open) {
@@ -60,7 +59,7 @@ std::unique_ptr<OpenField> compose(const OpenField& open,
                                       })
                       : all_structures(open.field());
   });
-  return std::make_unique<OpenField>(std::move(composed), open.options());
+  return open.with(std::move(composed));
 }
 
 ViewOptions view_of(const Field& field, const std::optional<std::string>& mode,
@@ -91,8 +90,9 @@ py::tuple render(OpenField& open, const CameraTuple& camera, const std::optional
 py::object pick(OpenField& open, const CameraTuple& camera, double x, double y) {
   open.renewed();
   LongCall call;
-  const auto found =
-      call.value(open.field().path(), [&] { return open.pick(camera_of(camera), x, y); });
+  const auto found = call.value(open.field().path(), [&] {
+    return open.drawn([&](Renderer& by) { return slf::pick(by, camera_of(camera), x, y); });
+  });
   return python_of(found);
 }
 
@@ -126,7 +126,7 @@ py::array tile(OpenField& open, unsigned level, std::uint64_t entry, std::uint64
   auto set = call.value(field.path(), [&]() -> Result<TileSampleSet> {
     const auto key = find_tile(field, {level, entry, exit});
     if (!key) return tl::unexpected(key.error());
-    return read_tile(open.tiles(), *key, channel);
+    return open.drawn([&](Renderer& by) { return read_tile(by.tiles(), *key, channel); });
   });
   const py::ssize_t entries = static_cast<py::ssize_t>(set.entries.size());
   const py::ssize_t columns = py::ssize_t{set.side + 1} * (set.side + 2) / 2;

@@ -4,6 +4,7 @@
 #include <pybind11/stl.h>
 
 #include <array>
+#include <atomic>
 #include <cstdint>
 #include <memory>
 #include <mutex>
@@ -23,59 +24,72 @@
 
 namespace slf::python {
 
+/// The renderer of a file's states and compositions: of what was drawn last, so that they share its
+/// memory. What threads drew with when this process was forked stays as they left it.
+struct Drawing {
+  std::mutex mutex{};
+  std::unique_ptr<Renderer> renderer{};
+  std::uint64_t of = 0;  ///< the number of an OpenField; 0: none
+  unsigned forks = torn_forks();
+};
+
 /// Thread-safety: any thread; one view is drawn at a time.
 class OpenField {
  public:
-  OpenField(Field field, const RendererOptions& options)
-      : field_(std::move(field)), options_(options) {}
+  OpenField(Field field, const RendererOptions& options,
+            std::shared_ptr<Drawing> drawing = std::make_shared<Drawing>())
+      : field_(std::move(field)), options_(options), drawing_(std::move(drawing)) {}
 
   [[nodiscard]] const Field& field() const { return field_; }
   [[nodiscard]] const RendererOptions& options() const { return options_; }
+  /// Something else of the same file.
+  [[nodiscard]] std::unique_ptr<OpenField> with(Field field) const {
+    return std::make_unique<OpenField>(std::move(field), options_, drawing_);
+  }
 
-  /// Call it before what follows, with the GIL. What threads drew with when this process was forked
-  /// stays as they left it; a new renderer draws.
+  /// Call it before what follows, with the GIL: after a fork, a new renderer draws.
   OpenField& renewed() {
-    if (std::exchange(forks_, torn_forks()) == forks_) return *this;
-    new (&mutex_) std::mutex;
-    (void)renderer_.release();
+    Drawing& drawing = *drawing_;
+    if (std::exchange(drawing.forks, torn_forks()) == drawing.forks) return *this;
+    new (&drawing.mutex) std::mutex;
+    (void)drawing.renderer.release();
+    drawing.of = 0;
     return *this;
   }
 
+  /// f(renderer), while no other thread draws.
+  template <class F>
+  auto drawn(F&& f) {
+    const AtWork at_work;
+    const std::lock_guard lock(drawing_->mutex);
+    if (std::exchange(drawing_->of, number_) != number_) {
+      drawing_->renderer.reset();
+      drawing_->renderer = std::make_unique<Renderer>(field_, options_);
+    }
+    return std::forward<F>(f)(*drawing_->renderer);
+  }
   /// With `memory`, by a renderer for this view only, which keeps at most so many bytes of decoded
   /// tiles, and as many of the mapped file.
   [[nodiscard]] Result<Image> render(const Camera& camera, const ViewOptions& view,
                                      std::optional<std::uint64_t> memory,
                                      const ProgressCallback& progress) {
+    const auto draw = [&](Renderer& by) { return by.render(camera, view, nullptr, progress); };
+    if (!memory) return drawn(draw);
     const AtWork at_work;
-    if (memory)
-      return Renderer(field_, {*memory, options_.threads, *memory})
-          .render(camera, view, nullptr, progress);
-    const std::lock_guard lock(mutex_);
-    return renderer().render(camera, view, nullptr, progress);
-  }
-  [[nodiscard]] Result<std::optional<PickedPoint>> pick(const Camera& camera, double x, double y) {
-    const AtWork at_work;
-    const std::lock_guard lock(mutex_);
-    return slf::pick(renderer(), camera, x, y);
-  }
-  /// The tiles that render() draws from.
-  [[nodiscard]] TileReader tiles() {
-    const AtWork at_work;
-    const std::lock_guard lock(mutex_);
-    return renderer().tiles();
+    Renderer own(field_, {*memory, options_.threads, *memory});
+    return draw(own);
   }
 
  private:
-  [[nodiscard]] Renderer& renderer() {
-    if (!renderer_) renderer_ = std::make_unique<Renderer>(field_, options_);
-    return *renderer_;
+  static std::uint64_t next_number() {
+    static std::atomic<std::uint64_t> last{0};
+    return ++last;
   }
 
   Field field_;
   RendererOptions options_;
-  unsigned forks_ = torn_forks();
-  std::mutex mutex_;
-  std::unique_ptr<Renderer> renderer_;
+  std::shared_ptr<Drawing> drawing_;
+  std::uint64_t number_ = next_number();
 };
 
 /// A field, or the name of a state or file; its opacity and its tint.

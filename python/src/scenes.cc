@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include "arrays.h"
+#include "base/join.h"
 #include "base/try.h"
 #include "convert.h"
 #include "module.h"
@@ -244,16 +245,27 @@ void set(Recipe& recipe, const std::string& name, const py::object& value) {
           {ErrorCode::usage, name + ": unexpected value " + py::repr(value).cast<std::string>()},
           "");
     }
+    const recipe::Option* const option = recipe::find(name);
+    if (const auto* other = option ? recipe::rival_of(*option, recipe.stated) : nullptr)
+      throw Failure({ErrorCode::usage, concat(name, ": not beside ", other->name)}, "");
     value_of(recipe::set(recipe, name, json));
   }
 }
 
 /// The scenes of a recipe, with their names. `states`: those to which it is added as `name`, with
-/// the light of `light_from`; null: it is alone. `notes` gets what people should know.
+/// the light of `light_from`; null: it is alone. `to_store`: for a field, whose colours may be
+/// linear. `notes` gets what people should know.
 std::vector<std::pair<Text, SceneHandle>> make(const Recipe& given, StateScenes* states,
                                                const Text& name, const Text& light_from,
-                                               py::list notes, py::object progress) {
+                                               bool to_store, py::list notes, py::object progress) {
   Recipe recipe = given;
+  if (states && (recipe.each_label || recipe.each_time || !recipe.states.empty()))
+    throw Failure({ErrorCode::usage, concat(recipe.each_label  ? "each_label"
+                                            : recipe.each_time ? "each_time"
+                                                               : "the recipe",
+                                            " makes states itself, without states=")},
+                  "");
+  recipe.raycast.lighting.linear = to_store && recipe.field.half;
   recipe.light_volume.progress = LightProgress::report;
   const auto found = std::make_shared<Texts>();
   recipe.on_note = [found](const std::string& note, const char* choice) {
@@ -302,15 +314,14 @@ void bind_scenes(py::module_& module) {
   py::class_<StateScenes>(module, "StateScenes").def(py::init());
   py::class_<Recipe, RecipeHandle>(module, "Recipe")
       .def(py::init())
-      .def("copy", [](const Recipe& recipe) { return std::make_shared<Recipe>(recipe); })
       .def("set", set)
-      .def("read", [](Recipe& recipe, const Text& path) { value_of(read_recipe(path, recipe)); })
-      .def_property_readonly("states", [](const Recipe& recipe) { return recipe.states.size(); })
+      .def("read",
+           [](Recipe& recipe, const Text& input) {
+             if (is_recipe(input)) value_of(read_recipe(input, recipe));
+           })
       .def("compare_with",
            [](Recipe& recipe, const std::string& provenance) { recipe.truth_of = provenance; })
       .def("use_threads", [](Recipe& recipe, unsigned n) { recipe.light_volume.threads = n; })
-      .def("store_linear",
-           [](Recipe& recipe) { recipe.raycast.lighting.linear = recipe.field.half; })
       .def("scenes", make);
   module.def("ray_scene", [](py::object fn, const SphereTuple& sphere,
                              const std::string& provenance, std::size_t batch, bool concurrent) {

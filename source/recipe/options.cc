@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
+#include <tuple>
 
 #include "base/join.h"
 #include "source/raycast/provenance.h"
@@ -414,18 +415,29 @@ std::vector<Option> make_options() {
                "each_time", kStates, "Build a state of each time point of a file or series",
                [](auto& r) -> auto& { return r.each_time; }))
       .excludes = "each_label";
+  add(choice<std::tuple<unsigned, unsigned, unsigned>>(
+      "quality", kField, {{"draft", {8, 32, 1}}, {"normal", {8, 32, 2}}, {"fine", {16, 32, 2}}},
+      "Lattices and levels: draft, {finest_level} 1, a sixteenth of the rays; normal; or fine, "
+      "{entry} 16, four times the rays; instead of {entry}, {exit} and {finest_level}",
+      [](auto& r) {
+        auto& shape = r.field.shape;
+        return std::tie(shape.entry_side, shape.exit_side, shape.levels);
+      }));
   add_rare(row(
-      "entry", kField, whole(1, FieldShape::kMaxSide),
-      "Entry lattice at level 0: cells along an octsphere's edge",
-      [](auto& r) -> auto& { return r.field.shape.entry_side; }));
+               "entry", kField, whole(1, FieldShape::kMaxSide),
+               "Entry lattice at level 0: cells along an octsphere's edge",
+               [](auto& r) -> auto& { return r.field.shape.entry_side; }))
+      .excludes = "quality";
   add_rare(row(
-      "exit", kField, whole(1, FieldShape::kMaxSide), "Exit lattice at level 0",
-      [](auto& r) -> auto& { return r.field.shape.exit_side; }));
-  add(row(
-          "finest_level", kField, whole(0, 10),
-          "Tiles at levels 0 to this; each level doubles both lattices",
-          [](auto& r) -> auto& { return r.field.shape.levels; }))
-      .former = "levels";
+               "exit", kField, whole(1, FieldShape::kMaxSide), "Exit lattice at level 0",
+               [](auto& r) -> auto& { return r.field.shape.exit_side; }))
+      .excludes = "quality";
+  Option& finest = add(row(
+      "finest_level", kField, whole(0, 10),
+      "Tiles at levels 0 to this; each level doubles both lattices",
+      [](auto& r) -> auto& { return r.field.shape.levels; }));
+  finest.former = "levels";
+  finest.excludes = "quality";
   add_rare(row(
                "entry_extra_levels", kField, whole(0, 10),
                "How many levels further than the exit side the entry side is split into tiles",

@@ -94,6 +94,10 @@ struct Option {
 [[nodiscard]] Result<void> set(Recipe& recipe, std::string_view name, const nlohmann::json& value,
                                const std::string& folder = {});
 
+/// One of the options that are `stated`, in whose place this one stands; null: none.
+[[nodiscard]] const Option* rival_of(const Option& option,
+                                     const std::set<std::string, std::less<>>& stated);
+
 /// usage: an option is stated that does not apply to this kind of source, or lacks another.
 [[nodiscard]] Result<void> check_applies(const Recipe& recipe);
 

@@ -27,7 +27,7 @@ Result<void> set_all(Recipe& recipe, const json& options, const std::string& fol
                      const std::set<std::string, std::less<>>& kept = {}) {
   for (const auto& [name, value] : options.items()) {
     const auto* const option = recipe::find(name);
-    if (option && kept.contains(option->name)) continue;
+    if (option && (kept.contains(option->name) || recipe::rival_of(*option, kept))) continue;
     if (option && option->excludes && !value.is_null() &&
         !options.value(option->excludes, json()).is_null())
       return fail_without(option->name, ErrorCode::usage, name, ": not beside ", option->excludes);
@@ -93,6 +93,7 @@ json with_underscores(const json& from) {
 /// Adds the scenes of a state: those of each time point, if it has several.
 Result<void> add_state(StateScenes& to, const Recipe& common, const RecipeState& state) {
   Recipe recipe = common;
+  recipe.states.clear();
   const json own_options = json::parse(state.options);
   SLF_TRY(set_all(recipe, own_options, folder_of(state.file)));
   // What does not apply to this kind of source is not taken over.

@@ -275,6 +275,16 @@ Result<void> set(Recipe& recipe, std::string_view name, const json& given,
   return {};
 }
 
+const Option* rival_of(const Option& option, const std::set<std::string, std::less<>>& stated) {
+  const auto excludes = [](const Option& one, const Option& other) {
+    return one.excludes && one.excludes == std::string_view(other.name);
+  };
+  for (const Option& other : options())
+    if ((excludes(option, other) || excludes(other, option)) && stated.contains(other.name))
+      return &other;
+  return nullptr;
+}
+
 Result<void> check_applies(const Recipe& recipe) {
   const Recipe defaults;
   const Kind kind = kind_of(recipe);
