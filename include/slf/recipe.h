@@ -116,9 +116,10 @@ struct Recipe {
 /// Whether the input is a recipe by its name, which read_recipe() reads: it ends in .json.
 [[nodiscard]] bool is_recipe(std::string_view input);
 
-/// usage: an option is out of range, does not apply to this kind of source, or is missing though
-/// the field of `truth_of` was built with it. Else errors as those of the readers, of
-/// Raycaster::make(), MeshScene::make(), make_picture_scene() and make_analytic_scene().
+/// usage: the recipe has states; an option is out of range, does not apply to this kind of source,
+/// or is missing though the field of `truth_of` was built with it. Else errors as those of the
+/// readers, of Raycaster::make(), MeshScene::make(), make_picture_scene() and
+/// make_analytic_scene().
 [[nodiscard]] Result<std::unique_ptr<Scene>> make_scene(const Recipe& description);
 
 /// The path with {state} replaced by the name of a state, whose slashes and control characters

@@ -273,6 +273,10 @@ std::vector<std::pair<Text, SceneHandle>> make(const Recipe& given, StateScenes*
   };
   LongCall call(std::move(progress));
   auto result = SceneHandle{}.trace(call, [&]() -> Result<std::vector<NamedScene>> {
+    if (!recipe.truth_of.empty()) {
+      std::shared_ptr<const Scene> truth = SLF_TRY(make_scene(recipe));
+      return std::vector{NamedScene{"", std::move(truth)}};
+    }
     if (!states) return make_scenes(recipe);
     SLF_TRY(states->add(name, recipe, light_from));
     return std::vector{states->scenes().back()};

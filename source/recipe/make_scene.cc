@@ -88,8 +88,7 @@ Result<RaycastOptions> rays_of(const Recipe& d, const json& built) {
 
 Result<std::unique_ptr<Scene>> scene_of(const Recipe& d, Readings* kept) {
   if (!d.states.empty())
-    return fail(ErrorCode::usage,
-                "the recipe has states, and this shows one scene: state it alone");
+    return misuse(d.input, "the recipe has states, where one scene is expected: state it alone");
   SLF_TRY(recipe::check_applies(d));
   if (d.check) SLF_TRY(d.check(d.files()));
   switch (recipe::kind_of(d)) {
