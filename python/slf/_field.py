@@ -285,7 +285,8 @@ class Field:
         Raises slf.UsageError for structures without depth, or on another sphere or lattice, or with
         another kind of colours, and for a name that neither a state nor a file has.
         """
-        kept = dict(structures) if isinstance(structures, Mapping) else _looks(structures)
+        kept: Structures = (dict(structures) if isinstance(structures, Mapping)
+                            else _looks(structures))
         return self._variant(self._field.compose(_looks(kept)), kept)
 
     def pick(self, x: float, y: float, camera: AnyCamera = orbit(),

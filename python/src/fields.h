@@ -69,14 +69,14 @@ class OpenField {
     return std::forward<F>(f)(*drawing_->renderer);
   }
   /// With `memory`, by a renderer for this view only, which keeps at most so many bytes of decoded
-  /// tiles, and as many of the mapped file.
+  /// tiles.
   [[nodiscard]] Result<Image> render(const Camera& camera, const ViewOptions& view,
                                      std::optional<std::uint64_t> memory,
                                      const ProgressCallback& progress) {
     const auto draw = [&](Renderer& by) { return by.render(camera, view, nullptr, progress); };
     if (!memory) return drawn(draw);
     const AtWork at_work;
-    Renderer own(field_, {*memory, options_.threads, *memory});
+    Renderer own(field_, {*memory, options_.threads});
     return draw(own);
   }
 
