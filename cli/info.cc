@@ -89,39 +89,37 @@ struct FieldInfo {
   FieldContent content{};
   std::uint32_t entry_resolution = 0, exit_resolution = 0;
 
+  /// A member of the manifest.
   template <class T>
-  [[nodiscard]] report::Typed<T> typed(const char* name) const {
-    return {manifest.value(name, nlohmann::json())};
+  void of(auto& member, const char* name, const char* help, const char* more = "") const {
+    member(name, report::Typed<T>{manifest.value(name, nlohmann::json())}, help, more);
+  }
+  /// One that may not be there.
+  template <class T>
+  void if_stated(auto& member, const char* name, const char* help) const {
+    const report::Typed<T> value{manifest.value(name, nlohmann::json())};
+    member(name, value.value.is_null() ? nullptr : &value, help);
   }
   void describe(auto& member) const {
     constexpr const char* kPositive = R"("minimum": 1)";
-    const auto if_stated = [&](const char* name, const auto& value, const char* help) {
-      member(name, value.value.is_null() ? nullptr : &value, help);
-    };
-    member("slf", typed<std::map<std::string, unsigned>>("slf"),
-           "version of the format, major and minor");
-    member("required", typed<std::vector<std::string>>("required"),
-           "features that a reader must know");
-    member("sphere", typed<SphereInfo>("sphere"), "");
-    member("entry_depth", typed<unsigned>("entry_depth"),
-           "how much deeper the entry side is split than the exit side");
-    member("entry_side", typed<unsigned>("entry_side"),
-           "cells along an octsphere's edge at level 0", kPositive);
-    member("exit_side", typed<unsigned>("exit_side"), "cells along an octsphere's edge at level 0",
-           kPositive);
-    if_stated("filtered_levels", typed<unsigned>("filtered_levels"),
-              "how many levels, from 0 on, hold means of rays");
-    if_stated("subfields", typed<std::vector<unsigned>>("subfields"),
-              "kept subfields, 8 × entry octant + exit octant; absent: all");
-    member("format", typed<std::string>("format"), "of a sample",
-           R"("enum": ["rgba8", "rgba16f", "rgba8_depth8", "rgba16f_depth8"])");
-    member("codec", typed<std::string>("codec"), "specification, as jpeg:75");
-    member("provenance", typed<nlohmann::json>("provenance"),
-           "source and settings of the build; free form", R"("type": "object")");
-    if_stated("states", typed<std::vector<StateInfo>>("states"),
-              "variants of the object; absent: one, without a name");
-    if_stated("part", typed<std::map<std::string, std::array<std::uint64_t, 2>>>("part"),
-              "the tiles that the file is to hold: begin and end, level and index; absent: all");
+    of<std::map<std::string, unsigned>>(member, "slf", "version of the format, major and minor");
+    of<std::vector<std::string>>(member, "required", "features that a reader must know");
+    of<SphereInfo>(member, "sphere", "");
+    of<unsigned>(member, "entry_depth", "how much deeper the entry side is split than the exit");
+    of<unsigned>(member, "entry_side", "cells along an octsphere's edge at level 0", kPositive);
+    of<unsigned>(member, "exit_side", "cells along an octsphere's edge at level 0", kPositive);
+    of<std::string>(member, "format", "of a sample",
+                    R"("enum": ["rgba8", "rgba16f", "rgba8_depth8", "rgba16f_depth8"])");
+    of<std::string>(member, "codec", "specification, as jpeg:75");
+    of<nlohmann::json>(member, "provenance", "source and settings of the build; free form",
+                       R"("type": "object")");
+    if_stated<unsigned>(member, "filtered_levels",
+                        "how many levels, from 0 on, hold means of rays");
+    if_stated<std::vector<unsigned>>(member, "subfields",
+                                     "kept, 8 × entry octant + exit octant; absent: all");
+    if_stated<std::vector<StateInfo>>(member, "states", "variants of the object; absent: one");
+    if_stated<std::map<std::string, std::array<std::uint64_t, 2>>>(
+        member, "part", "tiles that the file is to hold: begin and end, level and index");
     member("entry_resolution", entry_resolution, "of the finest level", kPositive);
     member("exit_resolution", exit_resolution, "of the finest level", kPositive);
     content.describe(member);

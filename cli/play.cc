@@ -101,8 +101,7 @@ struct Summary {
     member("level_shares", level_shares, "of the pixels, by the level that they were drawn from");
     member("hit_rate", hit_rate, "tiles found in the cache, 0 to 1");
     member("loads", loads, "tiles loaded");
-    member("load_bytes", load_bytes,
-           "of them, compressed, with tiles that were decoded to predict them");
+    member("load_bytes", load_bytes, "of them, and of tiles decoded to predict them");
     member("rss_anon_peak_bytes", peak.anonymous, "anonymous memory");
     member("rss_file_peak_bytes", peak.file, "mapped files");
   }

@@ -74,7 +74,7 @@ struct ViewCost {
     member("tiles_touched", view.tiles.size(), "tiles");
     member("tiles_stored", file.stored_tiles, "tiles of them with a payload");
     member("compressed_bytes", file.compressed_bytes,
-           "of their payloads, and of those of tiles that they are predicted from");
+           "payloads, also of tiles that those are predicted from");
     member("map_pages", file.pages.size(), "4 KiB pages of the file");
     member("decodes", view.decodes, "tiles decoded");
     member("decoded_peak_bytes", view.decoded_peak_bytes, "most decoded samples at a time");

@@ -141,7 +141,7 @@ struct ChannelDifference {
     member("psnr", psnr, "dB; infinite, in JSON null, if there is no difference", kDecibels);
     member("worst_psnr", worst_psnr, "dB, of the tile that differs most", kDecibels);
     member({nullptr, "worst"}, worst_at, "level, entry and exit of that tile");
-    member({"worst_tile", nullptr}, worst_name, "that tile: LEVEL/ENTRY/EXIT, and its state",
+    member({"worst_tile", nullptr}, worst_name, "LEVEL/ENTRY/EXIT, and its state",
            R"("pattern": "^[0-9]+/[0-9]+/[0-9]+( of state .*)?$")");
   }
 };

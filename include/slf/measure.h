@@ -54,7 +54,7 @@ struct LevelMeasure {
     member("tiles_touched", tiles_touched, "tiles, with neighbours that interpolation reads");
     member("pairs_crossed", pairs_crossed, "pairs of sections that rays pass through");
     member("compressed_bytes", compressed_bytes,
-           "payloads of the tiles touched, and of tiles that they are predicted from");
+           "payloads, also of tiles that those are predicted from");
     member("map_pages", map_pages, "4 KiB pages of the file, by the engine's count");
     member("decoded_peak_bytes", decoded_peak_bytes, "decoded samples");
     member("fraction", fraction, "tiles_touched / tiles");
@@ -113,8 +113,7 @@ struct Evaluation : ViewQuality {
     member({nullptr, "differs"}, differs,
            "where the provenances of field and scene differ, which then show two different "
            "objects, as a JSON pointer; else empty");
-    member({"same_source", nullptr}, differs.empty(),
-           "the field was built from what it is compared with");
+    member({"same_source", nullptr}, differs.empty(), "the field was built from it");
   }
 };
 

@@ -58,8 +58,7 @@ struct FrameReport {
     member("tiles", tiles, "touched, in all levels drawn");
     member("misses", misses, "of those, not loaded yet");
     member("loads", loads, "tiles loaded since the frame before");
-    member("load_bytes", load_bytes,
-           "compressed, with tiles that were decoded to predict those loaded");
+    member("load_bytes", load_bytes, "of their payloads, and of those decoded to predict them");
     member("hit_rate", hit_rate(), "of tiles that were loaded, 0 to 1");
     member("level_pixels", level_pixels, "pixels drawn at each level");
     member("load_level", load_level, "finest level that is being loaded");
