@@ -402,8 +402,7 @@ Result<void> run_info(const InfoArguments& arguments) {
     print_document(recipe_json(field));
     return {};
   }
-  const auto whole = SLF_TRY(FieldFile::open(field.file().store(), FieldFile::kAllStates));
-  const auto content = SLF_TRY(arguments.state.empty() ? whole->content() : field.content());
+  const auto content = SLF_TRY(arguments.state.empty() ? field.file().content() : field.content());
   if (arguments.json) {
     const FieldShape& shape = field.shape();
     const FieldInfo info{nlohmann::json::parse(field.manifest()), content,

@@ -10,57 +10,39 @@
 
 namespace slf {
 
-Result<std::shared_ptr<const FieldFile>> FieldFile::open(const std::string& path, unsigned state) {
-  const auto store = SLF_TRY(storage::TileStore::open(path));
-  return open(store, state);
+Result<std::shared_ptr<const FieldFile>> FieldFile::open(const std::string& path) {
+  auto store = SLF_TRY(storage::TileStore::open(path));
+  return open(std::move(store));
 }
 
-Result<std::shared_ptr<const FieldFile>> FieldFile::open(const storage::TileStore& opened,
-                                                         unsigned state) {
-  const std::string& path = opened.path();
-  const auto text = SLF_TRY(opened.blob(kManifestBlob));
-  auto shared = std::make_shared<Shared>();
-  Manifest& manifest = shared->manifest;
-  manifest = SLF_TRY(Manifest::parse(chars_of(text), path));
-  const bool whole = state == kAllStates || manifest.states.empty();
-  if (!whole) manifest.shape.states = 1;
-  auto store = whole ? opened.all_states() : opened.in_state(state);
+Result<std::shared_ptr<const FieldFile>> FieldFile::open(storage::TileStore store) {
+  const std::string& path = store.path();
+  const auto text = SLF_TRY(store.blob(kManifestBlob));
   const auto tables = SLF_TRY(store.blob(kTablesBlob));
+  std::shared_ptr<FieldFile> file(new FieldFile(std::move(store)));
+  Manifest& manifest = file->manifest_;
+  manifest = SLF_TRY(Manifest::parse(chars_of(text), path));
+  file->shape_of_state_ = one_state(manifest.shape);
   auto codec = codec::make_codec(manifest.codec, manifest.format, tables);
   if (!codec && codec.error().code == ErrorCode::usage)
     return unsupported(path, "this program does not know its codec \"", manifest.codec,
                        "\"; update slf");
   if (!codec) return bad_file(path, codec.error().message);
-  shared->codec = std::move(*codec);
-  shared->coder.emplace(
-      manifest.shape, manifest.format, *shared->codec,
-      [of = shared.get()](unsigned level) -> const LevelGeometry& { return of->geometry(level); },
+  file->codec_ = std::move(*codec);
+  file->coder_.emplace(
+      manifest.shape, manifest.format, *file->codec_,
+      [of = file.get()](unsigned level) -> const LevelGeometry& { return of->geometry(level); },
       !manifest.states.empty());
-  if (shared->coder->predicts()) shared->read_reference_index(store);
-  return std::shared_ptr<const FieldFile>(
-      new FieldFile(std::move(store), whole ? 0 : state, std::move(shared)));
+  if (file->predicts()) file->read_reference_index();
+  return file;
 }
 
-Result<std::shared_ptr<const FieldFile>> FieldFile::in_state(unsigned state) const {
-  if (shape().states > 1 || manifest().states.empty()) return open(store_, state);
-  return std::shared_ptr<const FieldFile>(new FieldFile(store_.in_state(state), state, shared_));
-}
-
-bool FieldFile::can_have(TileKey key) const {
-  return state_of(store_.in_file(key)) < std::max<std::size_t>(1, manifest().states.size()) &&
-         shape().has(slf::in_state(key, 0));
-}
-
-std::string FieldFile::place(TileKey key) const {
-  return path() + ": tile " + storage::name(store_.in_file(key));
-}
-
-void FieldFile::Shared::read_reference_index(const storage::TileStore& store) {
-  for (unsigned level = 1; level <= manifest.shape.levels; ++level) {
-    const Bytes section = store.section(reference_section(level));
+void FieldFile::read_reference_index() {
+  for (unsigned level = 1; level <= shape().levels; ++level) {
+    const Bytes section = store_.section(reference_section(level));
     auto index = ReferenceIndex::parse(section, level);
     if (section.empty() || !index) return;
-    reference_index.push_back(std::move(*index));
+    reference_index_.push_back(std::move(*index));
   }
 }
 
@@ -97,7 +79,7 @@ Result<std::vector<TileKey>> FieldFile::listed(const storage::TileRef& tile) con
   SLF_TRY(store_.fetch(tile));
   auto named = coder().references(tile.source, tile.payload);
   for (const TileKey reference : named)
-    if (!can_have(reference))
+    if (!shape().has(reference))
       return fail(ErrorCode::bad_file, place(reference),
                   ", from which others are predicted, is not in the field");
   return named;
@@ -112,7 +94,7 @@ FoundTiles FieldFile::find(std::span<const TileKey> keys, const Skip& skip, bool
     std::vector<storage::TileRef> refs;
     for (const auto& tile : store_.find_all(level))
       if (tile) refs.push_back(*tile);
-    if (advise && (first || coder().uses_states()) && !shared_->reference_index.empty())
+    if (advise && (first || coder().uses_states()) && !reference_index_.empty())
       advise_together(refs);
     else if (advise)
       store_.advise(refs);
@@ -141,18 +123,17 @@ void FieldFile::advise_together(std::vector<storage::TileRef> tiles) const {
   std::vector<TileKey> keys;
   for (const storage::TileRef& tile : tiles)
     if (tile.state == storage::TileState::stored) keys.push_back(tile.source);
-  append_ancestors(shared_->reference_index, keys);
-  std::erase_if(keys, [&](TileKey key) { return !can_have(key); });
+  append_ancestors(reference_index_, keys);
+  std::erase_if(keys, [&](TileKey key) { return !shape().has(key); });
   for (const auto& tile : store_.find_all(keys))
     if (tile) tiles.push_back(*tile);
   store_.advise(tiles);
 }
 
-const LevelGeometry& FieldFile::Shared::geometry(unsigned level) const {
-  std::call_once(geometry_once[level], [&] {
-    geometries[level] = std::make_unique<LevelGeometry>(manifest.shape, level);
-  });
-  return *geometries[level];
+const LevelGeometry& FieldFile::geometry(unsigned level) const {
+  std::call_once(geometry_once_[level],
+                 [&] { geometries_[level] = std::make_unique<LevelGeometry>(shape(), level); });
+  return *geometries_[level];
 }
 
 Result<void> FieldFile::decode(const storage::TileRef& tile, std::span<const ReferenceSamples> from,
@@ -165,58 +146,55 @@ Result<void> FieldFile::decode(const storage::TileRef& tile, std::span<const Ref
   return {};
 }
 
-Result<TileSelection> FieldFile::recorded(const TileOrder& order) const {
-  const auto ranges = SLF_TRY(store_.covered());
+Result<TileSelection> FieldFile::recorded(const TileOrder& order,
+                                          std::optional<unsigned> state) const {
   TileSelection tiles;
-  for (const TileRange& range : ranges)
-    tiles.add({order.number(range.begin), order.number(range.end)});
+  const auto add = [&](const TileRange& keys) -> Result<void> {
+    const auto ranges = SLF_TRY(store_.covered(keys));
+    for (const auto& [begin, end] : ranges)
+      tiles.add({order.number(in_state(begin, begin.state - state.value_or(0))),
+                 order.number(in_state(end, end.state - state.value_or(0)))});
+    return {};
+  };
+  if (!state) SLF_TRY(add(all_keys(shape())));
+  for (unsigned level = 0; state && level <= shape().levels; ++level)
+    SLF_TRY(add(keys_of(level, *state)));
   return tiles;
 }
 
-Result<FieldContent> FieldFile::content() const {
+Result<FieldContent> FieldFile::content(std::optional<unsigned> state) const {
   FieldContent content;
   content.file_bytes = store_.file_bytes();
   content.complete = true;
+  const FieldShape& shown = state ? shape_of_state() : shape();
   for (unsigned level = 0; level <= shape().levels; ++level) {
+    const TileRange keys =
+        state ? keys_of(level, *state) : TileRange{first_key(level), first_key(level + 1)};
+    const auto found = SLF_TRY(store_.statistics(keys));
     LevelContent& at = content.levels.emplace_back();
     at.level = level;
     at.entry_resolution = shape().entry_resolution(level);
     at.exit_resolution = shape().exit_resolution(level);
-    if (!manifest().states.empty()) at.same = 0;
-    at.tiles = shape().tiles(level);
-    at.slabs = shape().states * shape().slabs(level);
+    at.tiles = shown.tiles(level);
+    at.slabs = shown.states * shown.slabs(level);
+    at.stored = found.stored, at.empty = found.empty;
+    if (!manifest().states.empty()) at.same = found.same;
+    at.payload_bytes = found.payload_bytes;
+    content.payload_bytes += found.payload_bytes;
+    std::uint64_t held = found.stored + found.empty + found.same;
+    if (manifest().part) {
+      held = 0;
+      SLF_TRY(store_.visit(keys.begin, keys.end, [&](const storage::TileRef& tile) -> Result<void> {
+        held += manifest().holds(tile.key) ? 1 : 0;
+        return {};
+      }));
+    }
+    if (held != manifest().tiles(level) / shape().states * shown.states) content.complete = false;
   }
-  if (manifest().part) {
-    content.complete = SLF_TRY(part_is_complete());
-  }
-  const auto statistics = SLF_TRY(store_.statistics());
-  for (const storage::LevelStatistics& s : statistics) {
-    if (s.level >= content.levels.size()) continue;
-    LevelContent& at = content.levels[s.level];
-    at.payload_bytes = s.payload_bytes;
-    content.payload_bytes += s.payload_bytes;
-    at.stored = s.stored, at.empty = s.empty;
-    if (at.same) at.same = s.same;
-  }
-  for (const LevelContent& at : content.levels)
-    if (!manifest().part && at.stored + at.empty + at.same.value_or(0) != at.tiles)
-      content.complete = false;
   return content;
 }
 
-Result<bool> FieldFile::part_is_complete() const {
-  std::uint64_t expected = 0;
-  for (unsigned level = 0; level <= shape().levels; ++level) expected += manifest().tiles(level);
-  std::uint64_t found = 0;
-  SLF_TRY(store_.visit({0, 0}, {255, 0}, [&](const storage::TileRef& tile) -> Result<void> {
-    found += manifest().holds(tile.key) ? 1 : 0;
-    return {};
-  }));
-  return found == expected;
-}
-
 Result<ByteSpan> FieldFile::light() const {
-  if (state_ > 0) return ByteSpan();  // that of the first state is kept
   const auto kept = SLF_TRY(store_.has_blob(kLightBlob));
   return kept ? store_.blob(kLightBlob) : Result<ByteSpan>();
 }
@@ -230,19 +208,19 @@ Result<Field> Field::open(const std::string& path) {
 }
 
 const std::string& Field::path() const { return file_->path(); }
-const FieldShape& Field::shape() const { return file_->shape(); }
+const FieldShape& Field::shape() const { return file_->shape_of_state(); }
 SampleFormat Field::format() const { return file_->format(); }
 const std::string& Field::codec() const { return file_->manifest().codec; }
 std::optional<TileRange> Field::part() const { return file_->manifest().part; }
 std::string Field::provenance() const {
-  OwnedJson own = file_->manifest().provenance_of(file_->state());
+  OwnedJson own = file_->manifest().provenance_of(state_);
   if (!structures_ || structures_->empty()) return own->dump();
   // Parts of one volume, together, are some of its labels.
   std::set<std::int64_t> labels;
   const nlohmann::json* added = nullptr;  // the last list: that of many states may be one
   for (const Structure& one : *structures_) {
-    const FieldFile& file = one.field.file();
-    const auto* only = file.manifest().provenance_at(file.state(), {"structures", "only"});
+    const auto* only =
+        one.field.file().manifest().provenance_at(one.field.state(), {"structures", "only"});
     const bool plain = one.opacity == 1 && one.tint == Structure{one.field}.tint;
     if (!plain || !only) {
       (*own)["composed"] = structures_->size();  // no scene has this
@@ -257,20 +235,21 @@ std::string Field::provenance() const {
   (*own)["structures"]["only"] = labels;
   return own->dump();
 }
-unsigned Field::state() const { return file_->state(); }
 std::vector<std::string> Field::states() const {
   std::vector<std::string> names;
   for (const Manifest::State& state : file_->manifest().states) names.push_back(state.name);
   return names;
 }
-Result<Field> Field::in_state(unsigned state) const {
+Result<Field> Field::in_state(unsigned state) const try {
   if (const std::size_t count = std::max<std::size_t>(1, file_->manifest().states.size());
       state >= count)
     return fail_without("state", ErrorCode::usage, path(), ": has no state ", state,
                         count > 1 ? "; its states are 0 to " : "; it has one state, ", count - 1);
-  return guarded([&] { return file_->in_state(state); }).map([](auto file) {
-    return Field(std::move(file));
-  });
+  Field other(file_);
+  other.state_ = state;
+  return other;
+} catch (...) {
+  return tl::unexpected(error_of_exception());
 }
 Result<Field> Field::in_state(const std::string& name) const try {
   const std::vector<std::string> names = states();
@@ -291,13 +270,14 @@ Result<Field> Field::in_state(const std::string& name) const try {
 }
 bool Field::linear() const {
   const auto is = [&](const char* member, const nlohmann::json& value) {
-    const auto* at = file_->manifest().provenance_at(file_->state(), {"lighting", member});
+    const auto* at = file_->manifest().provenance_at(state_, {"lighting", member});
     return at && *at == value;
   };
   return is("linear", true) && (is("mode", "shadowed") || is("mode", "global"));
 }
 Result<std::vector<std::byte>> Field::light() const {
   return guarded([&]() -> Result<std::vector<std::byte>> {
+    if (state_ > 0) return std::vector<std::byte>();  // that of the first state is kept
     const auto light = SLF_TRY(file_->light());
     return std::vector<std::byte>(light.begin(), light.end());
   });
@@ -305,14 +285,14 @@ Result<std::vector<std::byte>> Field::light() const {
 std::string Field::manifest() const { return file_->manifest().to_json()->dump(); }
 std::uint64_t Field::file_bytes() const { return file_->store().file_bytes(); }
 Result<FieldContent> Field::content() const {
-  return guarded([&] { return file_->content(); });
+  return guarded([&] { return file_->content(state_); });
 }
 
-std::vector<const FieldFile*> files_of(const Field& field) {
-  if (!field.structures()) return {&field.file()};
-  std::vector<const FieldFile*> files;
-  for (const Structure& one : *field.structures()) files.push_back(&one.field.file());
-  return files;
+std::vector<Field> sources_of(const Field& field) {
+  if (!field.structures()) return {field};
+  std::vector<Field> sources;
+  for (const Structure& one : *field.structures()) sources.push_back(one.field);
+  return sources;
 }
 
 namespace {
@@ -356,7 +336,7 @@ Result<Field> compose(const Field& field, std::vector<Structure> structures) {
   return guarded([&]() -> Result<Field> {
     for (const Structure& one : structures) SLF_TRY(check_structure(one, field));
     std::erase_if(structures, [](const Structure& one) { return one.opacity == 0; });
-    Field composed(field.file_);
+    Field composed = field;
     composed.structures_ = std::make_shared<const std::vector<Structure>>(std::move(structures));
     return composed;
   });

@@ -1,4 +1,4 @@
-// FieldFile: the manifest, geometry, codec and tiles behind a Field. field.cc implements both.
+// FieldFile: the manifest, geometry, codec and tiles behind Fields, which show states of it.
 #pragma once
 
 #include <array>
@@ -40,37 +40,23 @@ struct FoundTile {
 /// Without those that could not be found or read: a second attempt tells why.
 using FoundTiles = std::unordered_map<TileKey, FoundTile, TileKeyHash>;
 
-/// The open container of a field. A Field is a handle to one. The file is untrusted.
-/// Thread-safety: all const members may be called from many threads.
+/// The open container of a field, with all its states. A Field is a handle to one, and to a state.
+/// The file is untrusted. Thread-safety: all const members may be called from many threads.
 class FieldFile {
  public:
-  /// In place of a state: all of them, whose tiles have their keys in the file.
-  static constexpr unsigned kAllStates = ~0u;
-
-  /// A state of a field: to all that reads it, a field of its own. Errors of Field::open(). An
-  /// incomplete field opens: what was never built is reported as missing. REQUIRES: state <
-  /// max(1, manifest().states.size()), or kAllStates.
-  [[nodiscard]] static Result<std::shared_ptr<const FieldFile>> open(const std::string& path,
-                                                                     unsigned state = 0);
+  /// Errors of Field::open(). An incomplete field opens: what was never built is reported as
+  /// missing.
+  [[nodiscard]] static Result<std::shared_ptr<const FieldFile>> open(const std::string& path);
   /// The same of a container that is open.
-  [[nodiscard]] static Result<std::shared_ptr<const FieldFile>> open(
-      const storage::TileStore& store, unsigned state = 0);
-  [[nodiscard]] static Result<std::shared_ptr<const FieldFile>> whole(const std::string& path) {
-    return open(path, kAllStates);
-  }
-
-  /// Another state of the same snapshot. It shares all but its tiles with this one: a file declares
-  /// states for nothing. Errors and REQUIRES of open().
-  [[nodiscard]] Result<std::shared_ptr<const FieldFile>> in_state(unsigned state) const;
-
-  /// The state that this shows; 0 if it shows all.
-  [[nodiscard]] unsigned state() const { return state_; }
-  /// Whether the field can have a tile, of any state.
-  [[nodiscard]] bool can_have(TileKey key) const;
+  [[nodiscard]] static Result<std::shared_ptr<const FieldFile>> open(storage::TileStore store);
+  FieldFile(const FieldFile&) = delete;
+  FieldFile& operator=(const FieldFile&) = delete;
 
   [[nodiscard]] const std::string& path() const { return store_.path(); }
-  [[nodiscard]] const Manifest& manifest() const { return shared_->manifest; }
-  [[nodiscard]] const FieldShape& shape() const { return manifest().shape; }
+  [[nodiscard]] const Manifest& manifest() const { return manifest_; }
+  [[nodiscard]] const FieldShape& shape() const { return manifest_.shape; }
+  /// That of one state.
+  [[nodiscard]] const FieldShape& shape_of_state() const { return shape_of_state_; }
   [[nodiscard]] const storage::TileStore& store() const { return store_; }
 
   /// The light of the field's scene, which views the map; no bytes if the field has none. bad_file:
@@ -79,19 +65,19 @@ class FieldFile {
 
   [[nodiscard]] SampleFormat format() const { return manifest().format; }
   [[nodiscard]] bool has_depth() const { return slf::has_depth(format()); }
-  [[nodiscard]] const codec::Codec& codec() const { return *shared_->codec; }
+  [[nodiscard]] const codec::Codec& codec() const { return *codec_; }
 
   /// The geometry of a level, computed on first use. REQUIRES: level <= shape().levels.
-  [[nodiscard]] const LevelGeometry& geometry(unsigned level) const {
-    return shared_->geometry(level);
-  }
+  [[nodiscard]] const LevelGeometry& geometry(unsigned level) const;
 
   /// Codes its tiles: the codec, with predictions where it needs them.
-  [[nodiscard]] const TileCoder& coder() const { return *shared_->coder; }
+  [[nodiscard]] const TileCoder& coder() const { return *coder_; }
   /// The shape of a tile. REQUIRES: a key of this field.
   [[nodiscard]] TileShape tile_shape(TileKey key) const { return coder().tile_shape(key); }
   /// For messages: the path, the tile, and its state if the field has several.
-  [[nodiscard]] std::string place(TileKey key) const;
+  [[nodiscard]] std::string place(TileKey key) const {
+    return path() + ": tile " + storage::name(key);
+  }
 
   /// Decodes a stored tile, whose payload TileStore::check() has accepted, into exactly
   /// tile_shape().bytes() bytes. `from`: the samples of its references(). Code that needs samples
@@ -117,45 +103,34 @@ class FieldFile {
                                 bool advise = true) const;
 
   /// The numbers, in an order, of the tiles that the file has records of; all others are missing.
-  /// What loops over a field's tiles loops over these: a file declares levels for nothing.
-  /// bad_file: the file has shrunk.
-  [[nodiscard]] Result<TileSelection> recorded(const TileOrder& order) const;
+  /// `state`: of this one, in an order of one state. What loops over a field's tiles loops over
+  /// these: a file declares levels for nothing. bad_file: the file has shrunk.
+  [[nodiscard]] Result<TileSelection> recorded(const TileOrder& order,
+                                               std::optional<unsigned> state = {}) const;
 
-  /// Counts tiles and bytes, from the records' tables alone. Linear in the number of records.
-  [[nodiscard]] Result<FieldContent> content() const;
+  /// Counts tiles and bytes, of all states or one, from the records' tables alone. Linear in the
+  /// number of records.
+  [[nodiscard]] Result<FieldContent> content(std::optional<unsigned> state = {}) const;
 
  private:
-  /// What the states of a field share.
-  struct Shared {
-    Manifest manifest;
-    std::unique_ptr<codec::Codec> codec;
-    std::optional<TileCoder> coder;  // from open() on
-    std::vector<ReferenceIndex>
-        reference_index;  // [level - 1]; the levels in a remote file's index
-    mutable std::array<std::once_flag, 16> geometry_once;
-    mutable std::array<std::unique_ptr<LevelGeometry>, 16> geometries;
-
-    [[nodiscard]] const LevelGeometry& geometry(unsigned level) const;
-    void read_reference_index(const storage::TileStore& store);
-  };
-
-  FieldFile(storage::TileStore store, unsigned state, std::shared_ptr<const Shared> shared)
-      : store_(std::move(store)), state_(state), shared_(std::move(shared)) {}
-
+  explicit FieldFile(storage::TileStore store) : store_(std::move(store)) {}
+  void read_reference_index();
   /// references() without a look at those of the tile of an earlier state.
   [[nodiscard]] Result<std::vector<TileKey>> listed(const storage::TileRef& tile) const;
   /// Advises tiles and all that they are predicted from, by the index of a remote file.
   void advise_together(std::vector<storage::TileRef> tiles) const;
-  /// Whether all tiles of the part are there.
-  [[nodiscard]] Result<bool> part_is_complete() const;
 
   storage::TileStore store_;
-  unsigned state_ = 0;
-  std::shared_ptr<const Shared> shared_;
+  Manifest manifest_;
+  FieldShape shape_of_state_;
+  std::unique_ptr<codec::Codec> codec_;
+  std::optional<TileCoder> coder_;               // from open() on
+  std::vector<ReferenceIndex> reference_index_;  // [level - 1]; those in a remote file's index
+  mutable std::array<std::once_flag, 16> geometry_once_;
+  mutable std::array<std::unique_ptr<LevelGeometry>, 16> geometries_;
 };
 
-/// The files that a field's tiles are read from: its own or, if it is composed, one for each of its
-/// structures.
-[[nodiscard]] std::vector<const FieldFile*> files_of(const Field& field);
+/// The fields that a field's tiles are read from: itself or, if it is composed, its structures.
+[[nodiscard]] std::vector<Field> sources_of(const Field& field);
 
 }  // namespace slf

@@ -89,8 +89,7 @@ Result<ReferenceIndex> ReferenceIndex::parse(ByteSpan section, unsigned level) {
 }
 
 void ReferenceIndex::append_references(TileKey key, std::vector<TileKey>& to) const {
-  const std::uint64_t index = in_state(key, 0).index, state = key.index - index;
-  const std::uint64_t parent = index >> kChildBits;
+  const std::uint64_t parent = key.index >> kChildBits;
   const auto family =
       std::lower_bound(families_.begin(), families_.end(), parent,
                        [](const Family& f, std::uint64_t value) { return f.parent < value; });
@@ -98,7 +97,7 @@ void ReferenceIndex::append_references(TileKey key, std::vector<TileKey>& to) co
   for (std::size_t r = 0; r < family->references.size(); ++r) {
     const std::size_t bit = r * kChildren + key.index % kChildren;
     if (std::to_integer<unsigned>(family->uses[bit / 8] >> bit % 8) & 1)
-      to.push_back({static_cast<std::uint8_t>(level_ - 1), state + family->references[r]});
+      to.push_back({static_cast<std::uint8_t>(level_ - 1), family->references[r], key.state});
   }
 }
 

@@ -64,7 +64,7 @@ std::string text_of(const StructureLook& look) {
 bool has_structures(const Field& field) {
   const FieldFile& file = field.file();
   return file.manifest().states.size() > 1 &&
-         file.manifest().provenance_at(file.state(), {"structures", "only"});
+         file.manifest().provenance_at(field.state(), {"structures", "only"});
 }
 
 Result<std::vector<Structure>> structures_of(const Field& field,

@@ -57,9 +57,7 @@ struct TileCoder::Head {
   std::uint64_t back = 0;             ///< to the earlier state, whose tile is used; 0: none
   std::vector<std::uint8_t> earlier;  ///< for each block, 1 if it is predicted from that
 
-  [[nodiscard]] TileKey tile(TileKey key) const {
-    return {key.level, key.index - (back << kStateBit)};
-  }
+  [[nodiscard]] TileKey tile(TileKey key) const { return in_state(key, key.state - back); }
   /// The bytes before the codec's payload.
   [[nodiscard]] Bytes encode() const {
     Bytes bytes;
@@ -81,7 +79,7 @@ struct TileCoder::Relation {
         sections(sections_of(key, coder.shape_.entry_extra_levels)),
         rows(find_references(coarser, finer, sections.entry.index)),
         // NOLINTNEXTLINE(clang-analyzer-optin.cplusplus.UninitializedObject): initialized there
-        candidates(coarser, rows, sections, state_of(key)),
+        candidates(coarser, rows, sections, key.state),
         four_taps(coder.codec_.four_taps()) {}
 
   /// Predicts the tile, lets `adjust` change that, and calls `code` with the result. Colours of
@@ -262,7 +260,7 @@ Result<void> TileCoder::encode(TileKey key, ByteSpan samples,
     return one.tile.level == key.level;
   });
   if (earlier != used.end()) {
-    head.back = state_of(key) - state_of(earlier->tile);
+    head.back = key.state - earlier->tile.state;
     SLF_TRY(predict(key, {}, used, [&](const codec::Predicted* predicted) -> Result<void> {
       head.earlier = choose_blocks(key, samples, earlier->samples, predicted);
       return {};

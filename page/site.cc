@@ -233,8 +233,7 @@ Result<void> export_site(const Field& field, const std::string& input, const std
 /// bad_file: bytes of a tile do not match their checksum.
 Result<void> check_tiles(const Field& field) {
   const auto& store = field.file().store();
-  return store.all_states().visit({0, 0}, {255, 0},
-                                  [&](const auto& tile) { return store.check(tile); });
+  return store.visit({0, 0}, {255, 0}, [&](const auto& tile) { return store.check(tile); });
 }
 
 /// Whether an export is one file.

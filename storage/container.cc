@@ -17,7 +17,7 @@ Bytes encode_container(const Container& container) {
   append_le<std::uint32_t>(blob, container.last ? container.last->level : kNoLevel);
   append_le<std::uint64_t>(blob, container.transaction);
   append_le<std::uint64_t>(blob, container.records);
-  append_le<std::uint64_t>(blob, container.last ? container.last->index : 0);
+  append_le<std::uint64_t>(blob, container.last ? packed_index(*container.last) : 0);
   return blob;
 }
 
@@ -38,7 +38,7 @@ Result<Container> decode_container(ByteSpan blob) {
     return fail(ErrorCode::bad_file, "the last tile is damaged");
   if (level != kNoLevel)
     container.last =
-        TileKey{static_cast<std::uint8_t>(level), load_le<std::uint64_t>(blob.data() + 24)};
+        unpacked_key(static_cast<std::uint8_t>(level), load_le<std::uint64_t>(blob.data() + 24));
   return container;
 }
 

@@ -97,8 +97,7 @@ Result<RangedTile> RangedStore::find_own(TileKey key) {
   const internal::Record& record = *found;
   const internal::Tile tile =
       record.tile(static_cast<std::uint32_t>(key.index - record.first().index));
-  RangedTile result{
-      tile.state, {}, tile.checksum, {key.level, key.index - (tile.back << kStateBit)}};
+  RangedTile result{tile.state, {}, tile.checksum, tile.source(key)};
   if (tile.state == TileState::stored)
     result.payload = {value + tile.offset, value + tile.offset + tile.size};
   return result;

@@ -16,6 +16,7 @@ constexpr std::uint64_t kEmpty = 0;
 constexpr std::uint64_t kMissing = 1;
 constexpr std::uint64_t kSame = 2;   ///< if the record has such tiles: how many states back follows
 constexpr std::size_t kMaxCode = 5;  ///< bytes of the longest code, that of kMaxPayload + 1
+constexpr int kStateBit = 50;        ///< of a packed index
 
 std::uint64_t code_of(const Tile& tile, bool has_same) {
   switch (tile.state) {
@@ -56,16 +57,26 @@ std::uint64_t checksum(ByteSpan bytes, std::uint64_t seed) {
   return XXH3_64bits_withSeed(bytes.data(), bytes.size(), seed);
 }
 
+std::uint64_t packed_index(TileKey key) {
+  return (std::uint64_t{key.state} << kStateBit) + key.index;
+}
+
+TileKey unpacked_key(std::uint8_t level, std::uint64_t packed) {
+  return {level, packed & ((std::uint64_t{1} << kStateBit) - 1),
+          static_cast<std::uint16_t>(packed >> kStateBit)};
+}
+
 RecordKey encode_key(TileKey last) {
   RecordKey key;
   key[0] = static_cast<std::byte>(last.level);
-  store_be<std::uint64_t>(key.data() + 1, last.index);
+  store_be<std::uint64_t>(key.data() + 1, packed_index(last));
   return key;
 }
 
 std::optional<TileKey> decode_key(ByteSpan bytes) {
   if (bytes.size() != RecordKey{}.size()) return std::nullopt;
-  return TileKey{static_cast<std::uint8_t>(bytes[0]), load_be<std::uint64_t>(bytes.data() + 1)};
+  return unpacked_key(static_cast<std::uint8_t>(bytes[0]),
+                      load_be<std::uint64_t>(bytes.data() + 1));
 }
 
 std::size_t code_bytes(const Tile& tile) {
@@ -89,18 +100,19 @@ Result<Record> Record::parse(ByteSpan value, std::uint64_t size) {
   record.has_same_ = magic == kWithSameMagic;
   record.value_ = value;
   record.size_ = size;
-  record.first_ = {static_cast<std::uint8_t>(head[12]), load_le<std::uint64_t>(head + 16)};
+  record.first_ =
+      unpacked_key(static_cast<std::uint8_t>(head[12]), load_le<std::uint64_t>(head + 16));
   record.count_ = load_le<std::uint16_t>(head + 14);
   record.stored_ = load_le<std::uint16_t>(head + 32);
   const std::size_t codes = load_le<std::uint16_t>(head + 34);
   if (const auto level = static_cast<std::uint8_t>(head[13]); level != kNoLevel)
-    record.previous_ = TileKey{level, load_le<std::uint64_t>(head + 24)};
+    record.previous_ = unpacked_key(level, load_le<std::uint64_t>(head + 24));
   record.checksums_ = align8(kRecordHeader + codes);
   record.payloads_ = record.checksums_ + 8 * std::size_t{record.stored_};
   if (record.count_ == 0 || record.count_ > kMaxTiles || record.stored_ > record.count_ ||
       codes < record.count_ || codes > kMaxCode * record.count_ ||
       record.payloads_ > value.size() || record.first_.level == kNoLevel ||
-      record.first_.index + (record.count_ - 1) < record.first_.index)
+      record.last().index >> kStateBit != 0)
     return fail(ErrorCode::bad_file, "the record's header is damaged");
   if (checksum(value.subspan(8, record.payloads_ - 8)) != load_le<std::uint64_t>(head))
     return fail(ErrorCode::bad_file, "the record's table does not match its checksum");
@@ -113,7 +125,7 @@ Result<Record> Record::parse(ByteSpan value, std::uint64_t size) {
   std::uint64_t payload = record.payloads_;
   for (std::uint32_t i = 0; i < record.count_; ++i) {
     const auto tile = take_code(table, record.has_same_);
-    if (!tile || tile->back > state_of({record.first_.level, record.first_.index + i}))
+    if (!tile || tile->back > record.first_.state)
       return fail(ErrorCode::bad_file, "the record's table is damaged");
     if (tile->state != TileState::stored) continue;
     ++stored;
@@ -183,8 +195,8 @@ Bytes encode_record_head(std::optional<TileKey> previous, TileKey first,
   at[12] = static_cast<std::byte>(first.level);
   at[13] = static_cast<std::byte>(previous ? previous->level : kNoLevel);
   store_le<std::uint16_t>(at + 14, static_cast<std::uint16_t>(tiles.size()));
-  store_le<std::uint64_t>(at + 16, first.index);
-  store_le<std::uint64_t>(at + 24, previous ? previous->index : 0);
+  store_le<std::uint64_t>(at + 16, packed_index(first));
+  store_le<std::uint64_t>(at + 24, previous ? packed_index(*previous) : 0);
   store_le<std::uint16_t>(at + 32, static_cast<std::uint16_t>(stored));
   store_le<std::uint16_t>(at + 34, static_cast<std::uint16_t>(codes));
   store_le<std::uint64_t>(at, checksum(ByteSpan(head).subspan(8)));

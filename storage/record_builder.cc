@@ -43,7 +43,8 @@ void RecordBuilder::append(NewTile tile, std::vector<CompleteRecord>& out) {
   assert(!last() || *last() < tile.key);
   while (!pending_.empty()) {
     const TileKey first = pending_.front().key;
-    if (tile.key.level != first.level || tile.key.index - first.index >= kMaxTiles) {
+    if (tile.key.level != first.level || tile.key.state != first.state ||
+        tile.key.index - first.index >= kMaxTiles) {
       end_record(pending_.size(), out);
     } else if (pending_.back().record_bytes + tile.payload.size() > kLargeRecord) {
       end_record(best_record_end(), out);

@@ -20,21 +20,12 @@ using internal::Snapshot;
 
 namespace {
 
-// The smallest key above `key`.
-TileKey after(TileKey key) {
-  if (++key.index == 0) ++key.level;
-  return key;
-}
+// The smallest key above `key`, unless that is the last one of its state.
+TileKey after(TileKey key) { return {key.level, key.index + 1, key.state}; }
 
-// `first`: TileStore::first_.
-TileRef tile_ref(const Record& record, std::uint32_t position, const internal::Tile& tile,
-                 std::uint64_t first) {
-  const TileKey key{record.first().level, record.first().index + position - first};
-  return {tile.state,
-          key,
-          tile.payload,
-          tile.checksum,
-          {key.level, key.index - (tile.back << kStateBit)}};
+TileRef tile_ref(const Record& record, std::uint32_t position, const internal::Tile& tile) {
+  const TileKey key = record.key(position);
+  return {tile.state, key, tile.payload, tile.checksum, tile.source(key)};
 }
 
 // Walks the records from a key on, and accounts for every key. Reports as damage the keys of
@@ -117,27 +108,6 @@ Result<TileStore> TileStore::open(std::shared_ptr<RangeSource> source) {
   return TileStore(std::move(snapshot));
 }
 
-std::vector<TileRange> TileStore::in_file(const TileRange& keys) const {
-  if (!one_state_) return {keys};
-  std::vector<TileRange> ranges;
-  const auto& last = snapshot_->container().last;
-  const int levels = last ? std::min(last->level, keys.end.level) + 1 : 0;
-  for (int level = keys.begin.level; level < levels; ++level) {
-    const TileKey first{static_cast<std::uint8_t>(level), 0};
-    const TileKey begin = std::max(keys.begin, first);
-    const TileKey end = std::min(keys.end, slf::in_state(first, 1));
-    if (begin < end) ranges.push_back({in_file(begin), in_file(end)});
-  }
-  return ranges;
-}
-
-TileStore TileStore::in_state(unsigned state) const {
-  TileStore shown(snapshot_);
-  shown.first_ = std::uint64_t{state} << kStateBit;
-  shown.one_state_ = true;
-  return shown;
-}
-
 const std::string& TileStore::path() const { return snapshot_->path(); }
 std::uint64_t TileStore::file_bytes() const { return snapshot_->bytes().size(); }
 const std::byte* TileStore::map() const { return snapshot_->bytes().data(); }
@@ -153,10 +123,10 @@ Bytes TileStore::section(std::uint32_t id) const { return snapshot_->section(id)
 
 namespace {
 
-TileRef tile_of(const std::optional<Record>& record, TileKey in_file, std::uint64_t first) {
-  if (!record) return {TileState::missing, {in_file.level, in_file.index - first}};
-  const auto position = static_cast<std::uint32_t>(in_file.index - record->first().index);
-  return tile_ref(*record, position, record->tile(position), first);
+TileRef tile_of(const std::optional<Record>& record, TileKey key) {
+  if (!record) return {TileState::missing, key};
+  const auto position = static_cast<std::uint32_t>(key.index - record->first().index);
+  return tile_ref(*record, position, record->tile(position));
 }
 
 // A tile that is the same as `source`.
@@ -169,8 +139,8 @@ Result<TileRef> same_as(Result<TileRef> source, TileKey key) {
 }  // namespace
 
 Result<TileRef> TileStore::find_own(TileKey key) const {
-  const auto record = SLF_TRY(snapshot_->find(in_file(key)));
-  return tile_of(record, in_file(key), first_);
+  const auto record = SLF_TRY(snapshot_->find(key));
+  return tile_of(record, key);
 }
 
 Result<TileRef> TileStore::find(TileKey key) const {
@@ -204,17 +174,17 @@ std::vector<Result<TileRef>> TileStore::find_own(std::span<const TileKey> keys) 
   std::vector<std::size_t> order(keys.size());
   std::iota(order.begin(), order.end(), std::size_t{0});
   std::sort(order.begin(), order.end(),
-            [&](std::size_t a, std::size_t b) { return in_file(keys[a]) < in_file(keys[b]); });
+            [&](std::size_t a, std::size_t b) { return keys[a] < keys[b]; });
   const Snapshot& snapshot = *snapshot_;
   std::vector<internal::RecordKey> sorted;
   sorted.reserve(keys.size());
-  for (const std::size_t k : order) sorted.push_back(internal::encode_key(in_file(keys[k])));
+  for (const std::size_t k : order) sorted.push_back(internal::encode_key(keys[k]));
   internal::prefetch_records(snapshot.pages(), snapshot.tiles(), sorted);
 
   std::optional<Record> record;      // that of the previous tile, and mostly of the next one
   std::optional<Record::Walk> walk;  // of `record`, at the previous tile or after it
   for (const std::size_t k : order) {
-    const TileKey key = in_file(keys[k]);
+    const TileKey key = keys[k];
     if (!record || key < record->first() || key > record->last()) {
       auto found = snapshot.find(key);
       record.reset();
@@ -233,7 +203,7 @@ std::vector<Result<TileRef>> TileStore::find_own(std::span<const TileKey> keys) 
     }
     const auto position = static_cast<std::uint32_t>(key.index - record->first().index);
     while (walk->position() < position) (void)walk->next();
-    tiles[k] = tile_ref(*record, position, walk->tile(), first_);
+    tiles[k] = tile_ref(*record, position, walk->tile());
   }
   return tiles;
 }
@@ -243,10 +213,10 @@ Result<void> TileStore::fetch(const TileRef& tile) const { return snapshot_->fet
 Result<void> TileStore::check(const TileRef& tile) const {
   SLF_TRY(fetch(tile));
   if (tile.state != TileState::stored) return {};
-  const bool good = payload_checksum(in_file(tile.source), tile.payload) == tile.checksum;
+  const bool good = payload_checksum(tile.source, tile.payload) == tile.checksum;
   SLF_TRY(snapshot_->unchanged());
   if (good) return {};
-  return fail_without("fix", ErrorCode::bad_file, path(), ": tile ", name(in_file(tile.source)),
+  return fail_without("fix", ErrorCode::bad_file, path(), ": tile ", name(tile.source),
                       ": the payload of ", tile.payload.size(),
                       " bytes does not match its checksum");
 }
@@ -282,12 +252,12 @@ Result<std::vector<std::uint64_t>> TileStore::pages(std::span<const TileKey> key
       add(internal::record_head(snapshot.pages(), cursor.leaf(), cursor.index()));
     }
     const auto record = SLF_TRY(snapshot.find(key));
-    const TileRef tile = tile_of(record, key, 0);
+    const TileRef tile = tile_of(record, key);
     add(tile.payload);
     return tile;
   };
   for (const TileKey& key : keys) {
-    const auto tile = SLF_TRY(add_tile(in_file(key)));
+    const auto tile = SLF_TRY(add_tile(key));
     if (tile.state == TileState::same) SLF_TRY(add_tile(tile.source));
   }
   sort_unique(pages);
@@ -299,47 +269,35 @@ Result<void> TileStore::visit(TileKey from, TileKey to, const Visitor& visitor,
   Result<void> result;
   const auto visit_record = [&](const Record& record) {
     for (Record::Walk walk(record); result && walk.next();) {
-      Result<TileRef> tile = tile_ref(record, walk.position(), walk.tile(), first_);
-      const TileKey key = tile->key;
-      if (key < from || key >= to) continue;
-      if (one_state_ && tile->state == TileState::same) tile = same_as(find_own(tile->source), key);
-      if (tile && tile->state == TileState::missing) continue;
-      if (!tile && damaged && tile.error().code == ErrorCode::bad_file) {
-        damaged({tile.error(), key, key});
-        continue;
-      }
-      if (result = tile.map([](const TileRef&) {}); !result) break;
-      if (result = snapshot_->unchanged(); result) result = visitor(*tile);
+      const TileRef tile = tile_ref(record, walk.position(), walk.tile());
+      if (tile.key < from || tile.key >= to || tile.state == TileState::missing) continue;
+      if (result = snapshot_->unchanged(); result) result = visitor(tile);
     }
     return result.has_value();
   };
   const auto on_damage = [&](const Damage& damage) {
     if (result = snapshot_->unchanged(); !result) return false;
     if (damaged)
-      damaged({damage, shown(damage.first), shown(damage.last)});
+      damaged(damage);
     else
       result = tl::unexpected(static_cast<const Error&>(damage));
     return result.has_value();
   };
-  for (const TileRange& range : in_file({from, to}))
-    if (result) RecordWalk(*snapshot_, range.begin, range.end).run(visit_record, on_damage);
+  RecordWalk(*snapshot_, from, to).run(visit_record, on_damage);
   if (result) result = snapshot_->unchanged();
   return result;
 }
 
-Result<std::vector<LevelStatistics>> TileStore::statistics() const {
+Result<TileStatistics> TileStore::statistics(const TileRange& keys) const {
   Result<void> result;
-  std::vector<LevelStatistics> levels;
+  TileStatistics sum;
   const auto count = [&](const Record& record) {
-    if (levels.empty() || levels.back().level != record.first().level)
-      levels.push_back({record.first().level});
-    LevelStatistics& level = levels.back();
-    ++level.records;
+    ++sum.records;
     for (Record::Walk walk(record); walk.next();) {
-      level.stored += walk.tile().state == TileState::stored ? 1 : 0;
-      level.empty += walk.tile().state == TileState::empty ? 1 : 0;
-      level.same += walk.tile().state == TileState::same ? 1 : 0;
-      level.payload_bytes += walk.tile().payload.size();
+      sum.stored += walk.tile().state == TileState::stored ? 1 : 0;
+      sum.empty += walk.tile().state == TileState::empty ? 1 : 0;
+      sum.same += walk.tile().state == TileState::same ? 1 : 0;
+      sum.payload_bytes += walk.tile().payload.size();
     }
     return true;
   };
@@ -347,28 +305,24 @@ Result<std::vector<LevelStatistics>> TileStore::statistics() const {
     result = tl::unexpected(static_cast<const Error&>(damage));
     return false;
   };
-  for (const TileRange& range : in_file({{}, {internal::kNoLevel, 0}}))
-    if (result) RecordWalk(*snapshot_, range.begin, range.end).run(count, stop);
-  if (auto same = snapshot_->unchanged(); !same) result = std::move(same);
-  if (!result) return tl::unexpected(std::move(result.error()));
-  return levels;
+  RecordWalk(*snapshot_, keys.begin, keys.end).run(count, stop);
+  SLF_TRY(snapshot_->unchanged());
+  SLF_TRY(std::move(result));
+  return sum;
 }
 
-Result<std::vector<TileRange>> TileStore::covered() const {
+Result<std::vector<TileRange>> TileStore::covered(const TileRange& keys) const {
   std::vector<TileRange> ranges;
-  for (const TileRange& own : in_file({{}, {internal::kNoLevel, 0}})) {
-    const auto add = [&](TileKey first, TileKey last) {
-      const TileKey begin = shown(std::max(first, own.begin));
-      const TileKey end = shown(std::min(after(last), own.end));
-      if (begin >= end) return true;
-      if (ranges.empty() || ranges.back().end < begin) ranges.push_back({begin, begin});
-      ranges.back().end = std::max(ranges.back().end, end);
-      return true;
-    };
-    RecordWalk(*snapshot_, own.begin, own.end)
-        .run([&](const Record& record) { return add(record.first(), record.last()); },
-             [&](const Damage& damage) { return add(damage.first, damage.last); });
-  }
+  const auto add = [&](TileKey first, TileKey last) {
+    const TileKey begin = std::max(first, keys.begin), end = std::min(after(last), keys.end);
+    if (begin >= end) return true;
+    if (ranges.empty() || ranges.back().end < begin) ranges.push_back({begin, begin});
+    ranges.back().end = std::max(ranges.back().end, end);
+    return true;
+  };
+  RecordWalk(*snapshot_, keys.begin, keys.end)
+      .run([&](const Record& record) { return add(record.first(), record.last()); },
+           [&](const Damage& damage) { return add(damage.first, damage.last); });
   SLF_TRY(snapshot_->unchanged());
   return ranges;
 }

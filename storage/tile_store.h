@@ -57,9 +57,8 @@ struct FileRange {
   [[nodiscard]] std::uint64_t size() const { return end - begin; }
 };
 
-/// The content of one level.
-struct LevelStatistics {
-  std::uint8_t level = 0;
+/// The content of some keys.
+struct TileStatistics {
   std::uint64_t records = 0;
   std::uint64_t stored = 0;         ///< tiles
   std::uint64_t empty = 0;          ///< tiles
@@ -96,16 +95,6 @@ class TileStore {
   /// file, which map() maps. A payload is present after check() or fetch(). Any call that
   /// reads may fail with the errors of RangeSource::fetch(). Other errors as above.
   [[nodiscard]] static Result<TileStore> open(std::shared_ptr<RangeSource> source);
-
-  /// One state of the same snapshot, as if it were the only one: its tiles have the keys of state
-  /// 0. visit() and all that counts go over these alone. But find() finds tiles of other states,
-  /// too, because this state's tiles refer to them: state `state` + n has the number n here, and
-  /// `state` - n the number 2^14 - n.
-  [[nodiscard]] TileStore in_state(unsigned state) const;
-  /// The same snapshot as open() shows it: all states.
-  [[nodiscard]] TileStore all_states() const { return TileStore(snapshot_); }
-  /// The key that a tile has there.
-  [[nodiscard]] TileKey in_file(TileKey key) const { return {key.level, key.index + first_}; }
 
   [[nodiscard]] const std::string& path() const;
   [[nodiscard]] std::uint64_t file_bytes() const;
@@ -169,23 +158,22 @@ class TileStore {
   /// The start of the map, for comparison with mincore and smaps; file_bytes() long.
   [[nodiscard]] const std::byte* map() const;
 
-  /// Visits the tiles with keys in [from, to) in key order, except missing ones. If all states are
-  /// shown, tiles that are the same as others are visited as such; otherwise as find() has them.
-  /// Calls `damaged` once for each damaged record, with the keys it should hold. Without `damaged`
-  /// the iteration stops with that error. An error of the visitor stops the iteration and is
-  /// returned.
+  /// Visits the tiles with keys in [from, to) in key order, except missing ones. Those that are the
+  /// same as others are visited as such, not as find() has them. Calls `damaged` once for each
+  /// damaged record, with the keys it should hold. Without `damaged` the iteration stops with that
+  /// error. An error of the visitor stops the iteration and is returned.
   using Visitor = std::function<Result<void>(const TileRef&)>;
   using DamageVisitor = std::function<void(const Damage&)>;
   [[nodiscard]] Result<void> visit(TileKey from, TileKey to, const Visitor& visitor,
                                    const DamageVisitor& damaged = {}) const;
 
-  /// Counts the tiles, with one entry per level that has records. Reads the records'
-  /// tables but no payload. bad_file: a page or record is damaged.
-  [[nodiscard]] Result<std::vector<LevelStatistics>> statistics() const;
+  /// Counts the tiles. Reads the records' tables but no payload. bad_file: a page or record is
+  /// damaged. REQUIRES: the ends of the range are those of levels or states.
+  [[nodiscard]] Result<TileStatistics> statistics(const TileRange& keys) const;
 
-  /// The keys that records cover, missing tiles among them, and those of damaged or lost records,
-  /// as ascending ranges. All other tiles are missing. Linear in the number of records.
-  [[nodiscard]] Result<std::vector<TileRange>> covered() const;
+  /// Those of these keys that records cover, missing tiles among them, and those of damaged or lost
+  /// records, as ascending ranges. All other tiles are missing. Linear in the number of records.
+  [[nodiscard]] Result<std::vector<TileRange>> covered(const TileRange& keys) const;
 
   /// Checks every page of the file: each is reachable exactly once, within bounds and in order, or
   /// in the free list. Appends one error per finding.
@@ -197,14 +185,8 @@ class TileStore {
   /// find() and find_all(), which do not give a tile the payload of the one that it is the same as.
   [[nodiscard]] Result<TileRef> find_own(TileKey key) const;
   [[nodiscard]] std::vector<Result<TileRef>> find_own(std::span<const TileKey> keys) const;
-  /// Undoes in_file().
-  [[nodiscard]] TileKey shown(TileKey key) const { return {key.level, key.index - first_}; }
-  /// The ranges in the file of those of these keys that visit() goes over.
-  [[nodiscard]] std::vector<TileRange> in_file(const TileRange& keys) const;
 
   std::shared_ptr<const internal::Snapshot> snapshot_;
-  std::uint64_t first_ = 0;  ///< the index of the first tile of the state that is shown
-  bool one_state_ = false;
 };
 
 }  // namespace slf::storage

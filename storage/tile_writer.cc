@@ -124,7 +124,7 @@ struct TileWriter::State {
   // The state of a tile with such a payload. usage: no tile can have it.
   [[nodiscard]] Result<TileState> state_with(TileKey key, ByteSpan payload,
                                              std::uint64_t back) const {
-    if (back > state_of(key) || (back > 0 && !payload.empty()))
+    if (back > key.state || (back > 0 && !payload.empty()))
       return misuse(place(key), "the same as ", back, " states before");
     return back > 0 ? TileState::same : payload.empty() ? TileState::empty : TileState::stored;
   }
@@ -359,7 +359,7 @@ Result<Edit*> TileWriter::State::edit(TileKey key) {
   internal::Cursor cursor(base->pages(), base->tiles());
   auto at = SLF_TRY(cursor.seek(internal::encode_key(key)));
   const auto last = at ? internal::decode_key(cursor.key()) : std::nullopt;
-  if (!last || last->level != key.level) return no_record(key);
+  if (!last || last->level != key.level || last->state != key.state) return no_record(key);
   // LMDB will free the old value's pages, so check them first.
   const auto old = SLF_TRY(cursor.value());
   auto before = SLF_TRY(base->last_before(*last));
@@ -369,9 +369,9 @@ Result<Edit*> TileWriter::State::edit(TileKey key) {
     edit.first = record->first();
     for (internal::Record::Walk walk(*record); walk.next();) edit.tiles.push_back(walk.tile());
   } else {
-    SLF_TRY(base->unchanged());                          // else the disk may be what is damaged
-    std::uint64_t room = slf::in_state(*last, 0).index;  // no record has tiles of two states
-    if (before && before->level == last->level && state_of(*before) == state_of(*last))
+    SLF_TRY(base->unchanged());        // else the disk may be what is damaged
+    std::uint64_t room = last->index;  // no record has tiles of two states
+    if (before && before->level == last->level && before->state == last->state)
       room = last->index - before->index - 1;
     edit.first.index -= std::min(room, internal::kMaxTiles - 1);
     edit.tiles.resize(last->index - edit.first.index + 1);

@@ -8,9 +8,8 @@
 namespace slf::storage {
 
 std::string name(TileKey key) {
-  const std::uint64_t state = state_of(key);
-  return std::to_string(key.level) + "/" + std::to_string(slf::in_state(key, 0).index) +
-         (state > 0 ? " of state " + std::to_string(state) : "");
+  return std::to_string(key.level) + "/" + std::to_string(key.index) +
+         (key.state > 0 ? " of state " + std::to_string(key.state) : "");
 }
 
 namespace internal {
@@ -27,8 +26,9 @@ std::uint64_t max_tiles_in_record(const TreePage& leaf, std::uint32_t index, con
   const auto last = decode_key(node.key);
   const auto previous = decode_key(before.key);
   if (!last || !previous || *previous >= *last) return kMaxTiles;
-  const std::uint64_t span =
-      previous->level == last->level ? last->index - previous->index : last->index + 1;
+  const std::uint64_t span = previous->level == last->level
+                                 ? packed_index(*last) - packed_index(*previous)
+                                 : packed_index(*last) + 1;
   return std::min(span, kMaxTiles);
 }
 

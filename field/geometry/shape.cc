@@ -28,12 +28,11 @@ std::uint64_t FieldShape::max_tile_samples() const {
 }
 
 bool FieldShape::has(TileKey key) const {
-  const std::uint64_t index = in_state(key, 0).index;
-  if (key.level > levels || state_of(key) >= states ||
-      index >= tile_count(key.level, entry_extra_levels))
+  if (key.level > levels || key.state >= states ||
+      key.index >= tile_count(key.level, entry_extra_levels))
     return false;
   const auto subfield =
-      static_cast<std::uint8_t>(index >> (4 * key.level + 2 * entry_extra_levels));
+      static_cast<std::uint8_t>(key.index >> (4 * key.level + 2 * entry_extra_levels));
   return subfields.empty() || std::binary_search(subfields.begin(), subfields.end(), subfield);
 }
 

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "field/geometry/section.h"
@@ -14,6 +15,17 @@ namespace slf {
 /// first_key(level + 1).
 [[nodiscard]] constexpr TileKey first_key(unsigned level) {
   return {static_cast<std::uint8_t>(level), 0};
+}
+
+/// The keys of one state on a level.
+[[nodiscard]] constexpr TileRange keys_of(unsigned level, unsigned state) {
+  return {in_state(first_key(level), state), in_state(first_key(level), state + 1)};
+}
+/// These tiles of another state.
+[[nodiscard]] inline std::vector<TileKey> in_state(std::span<const TileKey> keys, unsigned state) {
+  std::vector<TileKey> others(keys.begin(), keys.end());
+  for (TileKey& key : others) key = in_state(key, state);
+  return others;
 }
 
 /// The keys of all tiles of a field.

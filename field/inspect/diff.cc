@@ -56,23 +56,29 @@ ByteSpan channel_of(const TileShape& shape, ByteSpan samples, bool depth) {
 /// Compares batches of tiles on one thread.
 class Comparer {
  public:
-  /// `channels`: 1: colour, which both have; 2: depth, too. `composed`: a field is. `by_bytes`:
-  /// whether a tile that has the same bytes in both fields has the same samples, or is predicted
-  /// from one that has not.
-  Comparer(TileCache& tiles_a, TileCache& tiles_b, std::size_t channels, bool composed,
-           bool by_bytes)
+  /// `channels`: 1: colour, which both have; 2: depth, too. `all_states`: keys name their state.
+  /// `composed`: a field is. `by_bytes`: whether a tile that has the same bytes in both fields has
+  /// the same samples, or is predicted from one that has not.
+  Comparer(TileCache& tiles_a, TileCache& tiles_b, std::size_t channels, bool all_states,
+           bool composed, bool by_bytes)
       : a_(tiles_a.field()),
         b_(tiles_b.field()),
         tiles_a_(tiles_a),
         tiles_b_(tiles_b),
         channels_(channels),
+        all_states_(all_states),
         composed_(composed),
         by_bytes_(by_bytes) {}
 
   /// The sum of each channel.
   Result<std::vector<Sum>> compare(std::span<const TileKey> keys) {
     std::vector<Sum> sums(channels_);
-    const auto in_a = a_.store().find_all(keys), in_b = b_.store().find_all(keys);
+    const auto find = [&](const TileCache& tiles) {
+      const auto& store = tiles.field().store();
+      return store.find_all(all_states_ ? std::vector(keys.begin(), keys.end())
+                                        : in_state(keys, tiles.state()));
+    };
+    const auto in_a = find(tiles_a_), in_b = find(tiles_b_);
     for (std::size_t k = 0; k < keys.size(); ++k) {
       if (!in_a[k]) return tl::unexpected(in_a[k].error());
       if (!in_b[k]) return tl::unexpected(in_b[k].error());
@@ -108,7 +114,7 @@ class Comparer {
     SLF_TRY(tiles_a_.read(a.key, samples_a_));
     SLF_TRY(tiles_b_.read(b.key, samples_b_));
     for (std::size_t c = 0; c < sums.size(); ++c)
-      compare_channel(c == 1, a.key, same_bytes, sums[c]);
+      compare_channel(c == 1, all_states_ ? a.key : in_state(a.key, 0), same_bytes, sums[c]);
     return {};
   }
 
@@ -140,6 +146,7 @@ class Comparer {
   TileCache& tiles_a_;
   TileCache& tiles_b_;
   const std::size_t channels_;
+  const bool all_states_;
   const bool composed_;
   const bool by_bytes_;
   Bytes samples_a_, samples_b_;
@@ -203,32 +210,30 @@ bool FieldDifference::alike(double min_psnr) const {
 Result<FieldDifference> diff_fields(const Field& handle_a, const Field& handle_b,
                                     const DiffOptions& options,
                                     const ProgressCallback& progress) try {
-  std::shared_ptr<const FieldFile> all_of_a, all_of_b;
   const bool composed = handle_a.structures() || handle_b.structures();
-  if (options.all_states && !composed) {
-    all_of_a = SLF_TRY(FieldFile::open(handle_a.file().store(), FieldFile::kAllStates));
-    all_of_b = SLF_TRY(FieldFile::open(handle_b.file().store(), FieldFile::kAllStates));
-  }
-  const FieldFile& a = all_of_a ? *all_of_a : handle_a.file();
-  const FieldFile& b = all_of_b ? *all_of_b : handle_b.file();
+  const bool all_states = options.all_states && !composed;
+  const FieldFile &a = handle_a.file(), &b = handle_b.file();
   FieldDifference difference;
   difference.manifest = manifest_difference(a, b);
   difference.comparable = same_rays(a.shape(), b.shape());
   if (!difference.comparable) return difference;
 
-  TileCache tiles_a(a, kMemory, handle_a.structures()), tiles_b(b, kMemory, handle_b.structures());
+  TileCache tiles_a(a, kMemory, handle_a.state(), handle_a.structures()),
+      tiles_b(b, kMemory, handle_b.state(), handle_b.structures());
   // One state alone may be predicted from others, which are not compared.
   const bool by_bytes = have_same_codec(a, b) && !composed &&
                         (options.all_states || !a.predicts() ||
                          (a.manifest().states.empty() && b.manifest().states.empty()));
   const std::size_t channels = a.has_depth() && b.has_depth() ? 2 : 1;
-  const TileOrder order(union_shape(a.shape(), b.shape()));
+  const TileOrder order(all_states ? union_shape(a.shape(), b.shape())
+                                   : union_shape(handle_a.shape(), handle_b.shape()));
   TileSelection all;
-  std::vector<const FieldFile*> files{&a, &b};
+  std::vector<Field> fields{handle_a, handle_b};
   for (const Field* handle : {&handle_a, &handle_b})
-    if (handle->structures()) std::ranges::copy(files_of(*handle), std::back_inserter(files));
-  for (const FieldFile* file : files) {
-    const auto recorded = SLF_TRY(file->recorded(order));
+    if (handle->structures()) std::ranges::copy(sources_of(*handle), std::back_inserter(fields));
+  for (const Field& field : fields) {
+    const auto recorded = SLF_TRY(
+        field.file().recorded(order, all_states ? std::nullopt : std::optional(field.state())));
     all = united(all, recorded);
   }
   const std::uint64_t batches = (all.count() + kBatch - 1) / kBatch;
@@ -240,7 +245,7 @@ Result<FieldDifference> diff_fields(const Field& handle_a, const Field& handle_b
     return keys;
   };
   const auto new_maker = [&] {
-    return [&, comparer = Comparer(tiles_a, tiles_b, channels, composed, by_bytes)](
+    return [&, comparer = Comparer(tiles_a, tiles_b, channels, all_states, composed, by_bytes)](
                std::uint64_t batch) mutable { return comparer.compare(keys_of(batch)); };
   };
   std::vector<Sum> total(channels);
@@ -260,8 +265,8 @@ Result<FieldDifference> diff_fields(const Field& handle_a, const Field& handle_b
         psnr(total[c].squares / std::max<double>(1, static_cast<double>(total[c].numbers)));
     channel.worst_psnr = psnr(total[c].worst);
     if (!channel.worst) continue;
-    const std::uint64_t state = state_of(*channel.worst);
-    channel.worst_at = address_of(handle_a, in_state(*channel.worst, 0));
+    const unsigned state = channel.worst->state;
+    channel.worst_at = address_of(handle_a, *channel.worst);
     channel.worst_name = to_string(*channel.worst_at);
     if (state > 0) channel.worst_name->append(" of state ").append(handle_a.states()[state]);
   }

@@ -46,11 +46,16 @@ class Listing {
   Result<void> range(unsigned level, std::uint64_t begin, std::uint64_t end) {
     const auto l = static_cast<std::uint8_t>(level);
     std::uint64_t due = begin;
-    SLF_TRY(field_.store().visit({l, begin}, {l, end}, [&](const TileRef& tile) -> Result<void> {
+    const auto at = [&](std::uint64_t index) { return in_state({l, index}, handle_.state()); };
+    const auto add = [&](const TileRef& found) -> Result<void> {
+      const auto tile =
+          SLF_TRY(found.state == TileState::same ? field_.store().find(found.key) : found);
+      if (tile.state == TileState::missing) return {};
       SLF_TRY(missing(l, due, tile.key.index));
       due = tile.key.index + 1;
       return visit(tile);
-    }));
+    };
+    SLF_TRY(field_.store().visit(at(begin), at(end), add));
     return missing(l, due, end);
   }
 
@@ -61,14 +66,14 @@ class Listing {
       return misuse(field_.path(), "more than ", kMaxMissing, " tiles are missing up to level ",
                     int{level}, "; list those of fewer levels or subfields");
     for (std::uint64_t index = begin; index < end; ++index)
-      SLF_TRY(visit({TileState::missing, {level, index}, {}, 0}));
+      SLF_TRY(visit({TileState::missing, {level, index}}));
     return {};
   }
 
   Result<void> visit(const TileRef& tile) {
     if (++visited_ % kReleaseEvery == 0) field_.store().release_all();
     ListedTile listed;
-    listed.key = tile.key;
+    listed.key = in_state(tile.key, 0);
     listed.address = address_of(handle_, tile.key);
     listed.subfield = static_cast<std::uint8_t>(
         tile.key.index >> (4 * tile.key.level + 2 * field_.shape().entry_extra_levels));

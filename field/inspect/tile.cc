@@ -15,7 +15,7 @@ Result<TileSampleSet> read_tile(const TileReader& tiles, TileKey key, const std:
   auto read = SLF_TRY(tiles.read(key));
   auto tile = std::make_shared<TileReader::Tile>(std::move(read));
   if (tile->missing())
-    return fail(ErrorCode::tile_missing, field.place(key),
+    return fail(ErrorCode::tile_missing, field.place(in_state(key, tiles.field().state())),
                 " is missing; the build command that made the field builds it");
 
   const TileShape shape = field.tile_shape(key);

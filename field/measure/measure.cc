@@ -65,10 +65,8 @@ using ViewCost = std::array<double, kCosts>;
 /// The files that a field is read from, each once, though several states are in it.
 std::vector<const FieldFile*> distinct_files(const Field& field) {
   std::vector<const FieldFile*> files;
-  for (const FieldFile* file : files_of(field))
-    if (std::ranges::none_of(files, [&](const FieldFile* other) {
-          return other->store().map() == file->store().map();
-        }))
+  for (const Field& source : sources_of(field))
+    if (const FieldFile* file = &source.file(); std::ranges::find(files, file) == files.end())
       files.push_back(file);
   return files;
 }
@@ -203,11 +201,10 @@ Result<void> add_footprint(const FieldFile& field, std::span<const TileKey> tile
 Result<Footprint> footprint(const Field& field, std::span<const TileKey> tiles) try {
   Footprint sum;
   const auto distinct = distinct_files(field);
-  for (const FieldFile* file : files_of(field)) {
+  for (const Field& source : sources_of(field)) {
     std::uint64_t first_page = 0;
-    for (auto at = distinct.begin(); (*at)->store().map() != file->store().map(); ++at)
-      first_page += pages_of(**at);
-    SLF_TRY(add_footprint(*file, tiles, first_page, sum));
+    for (auto at = distinct.begin(); *at != &source.file(); ++at) first_page += pages_of(**at);
+    SLF_TRY(add_footprint(source.file(), in_state(tiles, source.state()), first_page, sum));
   }
   sort_unique(sum.pages);
   return sum;

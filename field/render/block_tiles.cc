@@ -2,7 +2,8 @@
 
 namespace slf {
 
-void BlockTiles::begin_view(bool with_depth, std::vector<TileKey>& touched) {
+void BlockTiles::begin_view(unsigned state, bool with_depth, std::vector<TileKey>& touched) {
+  state_ = state;
   with_depth_ = with_depth;
   touched_ = &touched;
 }
@@ -41,7 +42,8 @@ BlockTiles::Found BlockTiles::find(std::uint32_t entry, std::uint32_t exit) {
 }
 
 bool BlockTiles::mark_used(std::uint32_t entry, std::uint32_t exit, TilePage* page, bool loaded) {
-  const TileKey key = tile_key({geometry_->entry_section(entry), geometry_->exit_section(exit)});
+  const TileKey key =
+      in_state(tile_key({geometry_->entry_section(entry), geometry_->exit_section(exit)}), state_);
   if (!loaded) {
     std::uint32_t& recent = recent_[(5 * entry + exit) % kRecent];
     if (recent < absent_.size() && absent_[recent] == key) return false;

@@ -36,9 +36,9 @@ class BlockTiles {
   BlockTiles(const BlockTiles&) = delete;
   BlockTiles& operator=(const BlockTiles&) = delete;
 
-  /// Begins a view that needs colours or, with depth, depths, too. Appends the keys of the tiles
-  /// that it uses, with repetitions, to `touched`, which must outlive the view.
-  void begin_view(bool with_depth, std::vector<TileKey>& touched);
+  /// Begins a view of a state, which needs colours or, with depth, depths, too. Appends the keys of
+  /// the tiles that it uses, with repetitions, to `touched`, which must outlive the view.
+  void begin_view(unsigned state, bool with_depth, std::vector<TileKey>& touched);
 
   /// Begins a pass over a level. `frame` is the number that its tiles get. Geometry and table must
   /// outlive it. `wait`: the caller will load absent tiles and call find() again; otherwise they
@@ -67,6 +67,7 @@ class BlockTiles {
   [[nodiscard]] bool mark_used(std::uint32_t entry, std::uint32_t exit, TilePage* page,
                                bool loaded);
 
+  unsigned state_ = 0;
   std::uint32_t frame_ = 0;
   std::uint64_t stamp_ = 0;
   bool with_depth_ = false, wait_ = false, any_unavailable_ = false;

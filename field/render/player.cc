@@ -344,15 +344,18 @@ Result<Player> Player::make(Renderer renderer, const PlayOptions& options) try {
   const bool waits = options.loading == Loading::wait;
   std::uint64_t bytes = 0;
   const auto pin_tile = [&](const storage::TileRef& tile) -> Result<void> {
-    if (4 * bytes > cache.budget() || !field.shape().has(tile.key)) return {};
-    auto pin = SLF_TRY(cache.load(tile.key));
+    const TileKey key = in_state(tile.key, cache.state());
+    if (4 * bytes > cache.budget() || !field.file().shape().has(key)) return {};
+    auto pin = SLF_TRY(cache.load(key));
     bytes += pin.samples().size();
     state->coarsest.push_back(std::move(pin));
     return {};
   };
   if (!waits)
-    for (const FieldFile* file : files_of(field))
-      SLF_TRY(file->store().visit(first_key(0), first_key(1), pin_tile));
+    for (const Field& source : sources_of(field)) {
+      const auto [begin, end] = keys_of(0, source.state());
+      SLF_TRY(source.file().store().visit(begin, end, pin_tile));
+    }
   state->seen = cache.statistics();
   if (!waits) state->loader = std::make_unique<Loader>(state->renderer, state->options.view);
   return Player(std::move(state));

@@ -301,9 +301,9 @@ Result<void> Renderer::draw(const Camera& camera, const ViewOptions& requested, 
   const BlockOrder blocks(camera.width, camera.height);
   Reporter reporter(progress, {0, blocks.count(), 0},
                     field.path() + ": stopped while a view was drawn");
-  const bool remote =
-      std::ranges::any_of(files_of(state_->tiles.field()),
-                          [](const FieldFile* file) { return file->store().is_remote(); });
+  const bool remote = std::ranges::any_of(sources_of(state_->tiles.field()), [](const Field& one) {
+    return one.file().store().is_remote();
+  });
   if (remote && options.wait) {
     ViewStatistics found;
     SLF_TRY(fetch(camera, options, image, found, reporter));
@@ -352,13 +352,15 @@ std::vector<TileKey> level0_if_small(const Field& field) {
   std::uint64_t bytes = 0;
   const auto add = [&](const storage::TileRef& tile) -> Result<void> {
     bytes += tile.payload.size();
-    if (tile.state == storage::TileState::stored && field.shape().has(tile.key))
-      keys.push_back(tile.key);
+    if (tile.state != storage::TileState::empty && field.file().shape().has(tile.key))
+      keys.push_back(in_state(tile.key, field.state()));
     return {};
   };
   // An error is met again when the view is drawn.
-  for (const FieldFile* file : files_of(field))
-    if (!file->store().visit(first_key(0), first_key(1), add) || bytes > kSmall) return {};
+  for (const Field& source : sources_of(field)) {
+    const auto [begin, end] = keys_of(0, source.state());
+    if (!source.file().store().visit(begin, end, add) || bytes > kSmall) return {};
+  }
   sort_unique(keys);
   return keys;
 }

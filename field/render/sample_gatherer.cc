@@ -34,7 +34,7 @@ void SampleGatherer::begin(std::atomic<std::uint32_t>& frame, bool with_depth) {
   touched_.clear();
   misses_.clear();
   unique_touched_ = unique_misses_ = 0;
-  tiles_.begin_view(with_depth, touched_);
+  tiles_.begin_view(cache_.state(), with_depth, touched_);
 }
 
 Result<void> SampleGatherer::gather(const LevelGeometry& geometry, bool wait, std::size_t count,

@@ -7,7 +7,7 @@
 
 #include "base/guarded.h"
 #include "base/try.h"
-#include "field/geometry/section.h"
+#include "field/geometry/tile_order.h"
 #include "field/tiles/compose_samples.h"
 
 namespace slf {
@@ -20,9 +20,10 @@ constexpr std::uint64_t kTileBytes = 512;  // approximate bookkeeping per tile
 constexpr std::uint64_t kGeometryTimes = 1 << 10, kTableTimes = 1 << 17;
 }  // namespace
 
-TileCache::TileCache(const FieldFile& field, std::uint64_t budget,
+TileCache::TileCache(const FieldFile& field, std::uint64_t budget, unsigned state,
                      const std::vector<Structure>* structures)
     : field_(field),
+      state_(state),
       composed_(structures != nullptr),
       budget_(structures ? budget / 2 : budget),
       memory_(budget_),
@@ -30,7 +31,8 @@ TileCache::TileCache(const FieldFile& field, std::uint64_t budget,
   if (structures)
     for (const Structure& one : *structures)
       parts_.push_back(
-          {std::make_unique<TileCache>(one.field.file(), (budget - budget_) / structures->size()),
+          {std::make_unique<TileCache>(one.field.file(), (budget - budget_) / structures->size(),
+                                       one.field.state()),
            layer_factor(one.opacity, one.tint, one.field.linear())});
   const FieldShape& shape = field.shape();
   const std::uint64_t bytes = field.store().file_bytes();
@@ -120,7 +122,7 @@ bool TileCache::has_room(std::uint32_t frame) {
 
 FoundTiles TileCache::locate(std::span<const TileKey> keys) {
   // What the parts find is in memory when they look for it again.
-  for (const Part& part : parts_) (void)part.cache->locate(keys);
+  for (const Part& part : parts_) (void)part.cache->locate(in_state(keys, part.cache->state()));
   if (composed_) return {};
   return field_.find(keys, [&](TileKey key) {
     const std::lock_guard lock(mutex_);
@@ -224,7 +226,7 @@ Result<TileCache::Pin> TileCache::load_one(TileKey key, const FoundTiles& found)
   LoadedTile* tile = tiles_.find(key);
   if (!tile) {
     const auto sections = sections_of(key, field_.shape().entry_extra_levels);
-    const bool listed = state_of(key) == 0;
+    const bool listed = key.state == state_;
     tile = &tiles_.add(
         key, listed ? tables_[key.level].find(sections.entry.index, sections.exit.index) : nullptr);
   }
@@ -269,7 +271,7 @@ Result<void> TileCache::compose(LoadedTile& tile) {
   std::vector<TileLayer> layers;
   tile.ref.state = TileState::empty;
   for (const Part& part : parts_) {
-    Pin loaded = SLF_TRY(part.cache->load(tile.key));
+    Pin loaded = SLF_TRY(part.cache->load(in_state(tile.key, part.cache->state())));
     const Pin& pin = pins.emplace_back(std::move(loaded));
     if (pin.state() == TileState::missing) tile.ref.state = TileState::missing;
     if (!pin.samples().empty()) layers.push_back({pin.samples(), part.factor});

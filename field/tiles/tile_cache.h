@@ -80,9 +80,9 @@ class TileCache {
   using ReadScope = ReadEpochs::Scope;
   [[nodiscard]] ReadEpochs& epochs() { return tiles_.epochs(); }
 
-  /// The field must outlive this. `budget`: bytes of decoded samples. `structures`: null unless the
-  /// field is composed; they share the budget.
-  TileCache(const FieldFile& field, std::uint64_t budget,
+  /// The field must outlive this. `budget`: bytes of decoded samples. `state`: that whose tiles are
+  /// in page_table(). `structures`: null unless the field is composed; they share the budget.
+  TileCache(const FieldFile& field, std::uint64_t budget, unsigned state = 0,
             const std::vector<Structure>* structures = nullptr);
   ~TileCache();
 
@@ -92,6 +92,7 @@ class TileCache {
   [[nodiscard]] bool lost() const { return forks_ != torn_forks(); }
 
   [[nodiscard]] const FieldFile& field() const { return field_; }
+  [[nodiscard]] unsigned state() const { return state_; }
   [[nodiscard]] std::uint64_t budget() const { return budget_; }
 
   /// unsupported: the level needs larger tables than the budget, or than such a file can fill, or
@@ -183,6 +184,7 @@ class TileCache {
   };
 
   const FieldFile& field_;
+  const unsigned state_;
   const unsigned forks_ = torn_forks();
   const bool composed_;
   std::vector<Part> parts_;  // the structures, if the field is composed

@@ -11,7 +11,7 @@ struct TileReader::State {
   TileCache cache;
 
   State(const Field& of, const TileReaderOptions& options)
-      : field(of), cache(field.file(), options.memory, field.structures()) {}
+      : field(of), cache(field.file(), options.memory, field.state(), field.structures()) {}
 };
 
 TileReader::TileReader(const Field& field, const TileReaderOptions& options)
@@ -24,7 +24,7 @@ TileCache& TileReader::cache() const { return state_->cache; }
 
 Result<TileReader::Tile> TileReader::read(TileKey key) const {
   const FieldFile& file = field().file();
-  if (!file.shape().has(key)) return misuse(file.path(), "has no tile ", storage::name(key));
+  if (!field().shape().has(key)) return misuse(file.path(), "has no tile ", storage::name(key));
 
   struct Held {
     std::shared_ptr<State> state;  // outlives the pin
@@ -32,7 +32,7 @@ Result<TileReader::Tile> TileReader::read(TileKey key) const {
   };
   const AtWork at_work;
   return guarded([&]() -> Result<Tile> {
-    auto pin = SLF_TRY(cache().load(key));
+    auto pin = SLF_TRY(cache().load(in_state(key, field().state())));
     auto held = std::make_shared<Held>(Held{state_, std::move(pin)});
     Tile tile;
     tile.missing_ = held->pin.state() == storage::TileState::missing;

@@ -77,7 +77,7 @@ Result<std::optional<EarlierBuild>> find_earlier_build(const FieldOutput& output
   if (!in_place && std::filesystem::is_symlink(file, ignored))
     return name_is_taken({ErrorCode::usage, file + ": is a link"});
   if (!in_place && !std::filesystem::exists(file, ignored)) return std::nullopt;
-  const auto field = FieldFile::whole(file);
+  const auto field = FieldFile::open(file);
   if (!field && field.error().code == ErrorCode::not_found) return std::nullopt;  // by now
   if (!field && in_place) return tl::unexpected(field.error());
   if (!field) return name_is_taken(field.error());
@@ -104,7 +104,7 @@ Result<std::shared_ptr<const FieldFile>> open_coarser(const Manifest& expected,
   const auto refuse = [&](const auto&... what) { return misuse(options.coarser, what...); };
   if (!predicts(expected))
     return refuse("is not needed: with this codec no tile is predicted from coarser ones");
-  auto field = SLF_TRY(FieldFile::whole(options.coarser));
+  auto field = SLF_TRY(FieldFile::open(options.coarser));
   if (const std::string differs = first_difference(field->manifest(), expected); !differs.empty())
     return refuse("was built with other settings (", differs, " differs)");
   const std::optional<TileRange> part = field->manifest().part;

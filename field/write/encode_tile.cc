@@ -18,7 +18,7 @@ static_assert(kMaxChain == 1, "what earlier_tiles() finds is predicted from coar
 /// not predicted from another state itself, and that of the first state.
 Result<std::vector<storage::TileRef>> earlier_tiles(const FieldFile& field, TileKey key) {
   std::vector<storage::TileRef> found;
-  const std::uint64_t state = state_of(key);
+  const std::uint64_t state = key.state;
   const auto add = [&](std::uint64_t earlier) -> Result<bool> {
     auto tile = SLF_TRY(field.store().find(in_state(key, earlier)));
     if (tile.state != TileState::stored) return false;

@@ -60,17 +60,22 @@ Result<std::optional<std::uint64_t>> encoded_size(const TileSource& source, cons
 }
 
 /// The exact size of copied tiles, from the tables of the records.
-Result<Estimate> count(const FieldFile& field, const FieldShape& shape) {
+Result<Estimate> count(const Field& handle, const FieldShape& shape) {
+  const FieldFile& field = handle.file();
   Estimate sum;
-  const TileRange all = all_keys(shape);
-  SLF_TRY(
-      field.store().visit(all.begin, all.end, [&](const storage::TileRef& tile) -> Result<void> {
-        if (!shape.has(tile.key)) return {};
-        sum.bytes += static_cast<double>(tile.payload.size());
-        if (tile.state == TileState::stored && field.coder().uses_states()) --sum.bytes;
-        sum.stored += tile.state == TileState::stored ? 1 : 0;
-        return {};
-      }));
+  const auto add = [&](const storage::TileRef& found) -> Result<void> {
+    if (!shape.has(in_state(found.key, 0))) return {};
+    const auto tile =
+        SLF_TRY(found.state == TileState::same ? field.store().find(found.key) : found);
+    if (tile.state != TileState::stored) return {};
+    sum.bytes += static_cast<double>(tile.payload.size() - (field.coder().uses_states() ? 1 : 0));
+    ++sum.stored;
+    return {};
+  };
+  for (unsigned level = 0; level <= shape.levels; ++level) {
+    const auto [begin, end] = keys_of(level, handle.state());
+    SLF_TRY(field.store().visit(begin, end, add));
+  }
   return sum;
 }
 
@@ -118,7 +123,7 @@ Result<RepackEstimate> estimate_repack(const Field& handle, const RepackOptions&
   const TileCoder coder(shape, plan.manifest.format, *codec, plan.geometries());
 
   Estimate total;
-  if (plan.copy) total = SLF_TRY(count(plan.first, shape));
+  if (plan.copy) total = SLF_TRY(count(handle, shape));
   for (unsigned level = 0; !plan.copy && level <= shape.levels; ++level) {
     const auto estimate = SLF_TRY(at_place(sample(*plan.source, coder, order, order.level(level),
                                                   thread_count(options.threads), reporter),

@@ -39,7 +39,7 @@ Result<std::vector<ReferenceIndex::Tile>> references_of(const FieldFile& field, 
 Result<void> index_field(const std::string& path, const GoOn& go_on) {
   std::vector<storage::IndexExtra> extras;
   {
-    const auto field = SLF_TRY(FieldFile::whole(path));
+    const auto field = SLF_TRY(FieldFile::open(path));
     for (unsigned level = 1; field->predicts() && level <= field->shape().levels; ++level) {
       if (field->shape().tiles(level) / field->shape().states > kMaxIndexedTiles) break;
       const auto tiles = SLF_TRY(references_of(*field, level, go_on));

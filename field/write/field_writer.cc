@@ -40,7 +40,7 @@ Result<void> remove_leftover(const std::string& file, ByteSpan manifest) {
   if (!writer && writer.error().code == ErrorCode::not_found) return {};  // by now
   if (!writer && writer.error().code == ErrorCode::busy) return tl::unexpected(writer.error());
   if (!writer) return name_is_taken(writer.error());
-  const auto field = FieldFile::whole(file);
+  const auto field = FieldFile::open(file);
   if (!field) return name_is_taken(field.error());
   const auto content = (*field)->content();
   if (!content) return name_is_taken(content.error());

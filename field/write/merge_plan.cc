@@ -53,7 +53,7 @@ TileSelection coverage(const Manifest& manifest, const TileOrder& order) {
 }
 
 Result<Source> read_source(const std::string& path) {
-  auto field = FieldFile::whole(path);
+  auto field = FieldFile::open(path);
   std::error_code ignored;
   if (!field && field.error().code == ErrorCode::not_found &&
       std::filesystem::exists(path + ".unfinished", ignored))

@@ -19,9 +19,9 @@ Result<TileSelection> recorded(std::span<const StateSource> states, const FieldS
   const TileOrder order(shape), positions(one_state(shape));
   std::vector<TileSelection> of_states;
   for (const StateSource& state : states) {
-    const auto files = files_of(state.field);
-    const FieldFile& file = files.empty() ? state.field.file() : *files.front();
-    auto own = SLF_TRY(file.recorded(positions));
+    const auto sources = sources_of(state.field);
+    const Field& source = sources.empty() ? state.field : sources.front();
+    auto own = SLF_TRY(source.file().recorded(positions, source.state()));
     of_states.push_back(std::move(own));
   }
   TileSelection tiles;
@@ -43,7 +43,7 @@ Result<RepackReport> repack(std::span<const StateSource> states, const std::stri
   std::vector<std::string> inputs;
   for (const StateSource& state : states) {
     inputs.push_back(state.field.path());
-    for (const FieldFile* file : files_of(state.field)) inputs.push_back(file->path());
+    for (const Field& source : sources_of(state.field)) inputs.push_back(source.path());
   }
   const auto output =
       SLF_TRY(FieldOutput::at(path, options.replace ? Existing::replace : Existing::keep, inputs));

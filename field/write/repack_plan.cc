@@ -55,8 +55,8 @@ bool are_one_field(std::span<const StateSource> states) {
   const FieldFile& first = states[0].field.file();
   for (std::size_t k = 0; k < states.size(); ++k)
     if (const FieldFile& file = states[k].field.file();
-        states[k].field.structures() || file.path() != first.path() || file.state() != k ||
-        file.store().transaction() != first.store().transaction())
+        states[k].field.structures() || file.path() != first.path() ||
+        states[k].field.state() != k || file.store().transaction() != first.store().transaction())
       return false;
   return states.size() == first.manifest().states.size();
 }
@@ -68,7 +68,8 @@ bool can_copy(std::span<const StateSource> states, const FieldShape& shape) {
   if (states[0].field.structures() || (several && !are_one_field(states))) return false;
   if (!first.predicts()) return true;
   const bool whole_levels = shape.subfields == first.shape().subfields;
-  return whole_levels && (several ? shape.levels == first.shape().levels : first.state() == 0);
+  return whole_levels &&
+         (several ? shape.levels == first.shape().levels : states[0].field.state() == 0);
 }
 
 }  // namespace
@@ -101,12 +102,12 @@ Result<RepackPlan> plan_repack(std::span<const StateSource> states, const Repack
               can_copy(states, manifest.shape);
   const bool alone = states.size() == 1 && !first.manifest().states.empty();
   if (plan.copy && alone)
-    plan.source = std::make_unique<StoredTiles>(first.store(), &first.coder());
+    plan.source = std::make_unique<StoredTiles>(first.store(), &first.coder(), handle.state());
   else if (plan.copy)
-    plan.source = std::make_unique<StoredTiles>(first.store().all_states());
+    plan.source = std::make_unique<StoredTiles>(first.store());
   else
     plan.source = std::make_unique<DecodedTiles>(states, manifest.format, memory);
-  if (!options.light || handle.structures()) return plan;
+  if (!options.light || handle.structures() || handle.state() > 0) return plan;
   const auto light = first.light();
   if (!light)
     return fail(light.error().code, light.error().message, "; a copy can leave the light out");

@@ -14,7 +14,7 @@ Result<TileKey> SameTiles::find(const SourceTile& tile) {
   const TileKey key = tile.ref.key;
   if (hashes_.empty()) return key;
   const Hash own = remember(tile);
-  for (std::uint64_t state = 0; own != kNoSamples && state < state_of(key); ++state) {
+  for (std::uint64_t state = 0; own != kNoSamples && state < key.state; ++state) {
     const Hash other = SLF_TRY(hash_of(in_state(key, state)));
     if (other == own) return in_state(key, state);
   }

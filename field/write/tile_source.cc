@@ -33,7 +33,7 @@ void append_colors(ByteSpan in, bool from_half, bool to_half, Bytes& out) {
 
 Result<void> StoredTiles::tile(TileKey key, SourceTile& tile) const {
   storage::TileRef& ref = tile.ref;
-  ref = SLF_TRY(store_.find(key));
+  ref = SLF_TRY(store_.find(alone_ ? in_state(key, state_) : key));
   if (ref.state != TileState::stored || (!alone_ && ref.source != key)) return {};
   SLF_TRY(store_.check(ref));
   if (!alone_) return {};
@@ -45,14 +45,15 @@ Result<void> StoredTiles::tile(TileKey key, SourceTile& tile) const {
 void StoredTiles::prefetch(std::span<const TileKey> keys) const {
   store_.release_all();  // pages that were read stay in the kernel's cache
   std::vector<storage::TileRef> tiles;
-  for (const auto& found : store_.find_all(keys))
+  const auto own = alone_ ? in_state(keys, state_) : std::vector(keys.begin(), keys.end());
+  for (const auto& found : store_.find_all(own))
     if (found) tiles.push_back(*found);
   store_.advise(tiles);
 }
 
 Result<void> DecodedTiles::tile(TileKey key, SourceTile& tile) const {
-  const TileReader tiles = reader(state_of(key));
-  const TileKey own = in_state(key, 0);
+  const TileReader tiles = reader(key.state);
+  const TileKey own = in_state(key, tiles.field().state());
   const auto pin = SLF_TRY(tiles.cache().load(own));
   tile.ref = {pin.state(), key};
   if (pin.state() != TileState::stored) return {};
@@ -69,13 +70,13 @@ Result<void> DecodedTiles::tile(TileKey key, SourceTile& tile) const {
 
 void DecodedTiles::prefetch(std::span<const TileKey> keys) const {
   while (!keys.empty()) {
-    const std::uint64_t state = state_of(keys.front());
+    const std::uint64_t state = keys.front().state;
     std::vector<TileKey> own;
-    for (; !keys.empty() && state_of(keys.front()) == state; keys = keys.subspan(1))
-      own.push_back(in_state(keys.front(), 0));
+    for (; !keys.empty() && keys.front().state == state; keys = keys.subspan(1))
+      own.push_back(keys.front());
     const TileReader tiles = reader(state);
-    for (const FieldFile* file : files_of(tiles.field())) file->store().release_all();
-    (void)tiles.cache().locate(own);
+    for (const Field& source : sources_of(tiles.field())) source.file().store().release_all();
+    (void)tiles.cache().locate(in_state(own, tiles.field().state()));
   }
 }
 

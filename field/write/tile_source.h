@@ -45,10 +45,10 @@ class TileSource {
 /// The payloads of a container, which must stay open until they are written.
 class StoredTiles final : public TileSource {
  public:
-  /// `alone`: if the store shows one of several states, which becomes a field of its own, what
-  /// codes its tiles; else null.
-  explicit StoredTiles(storage::TileStore store, const TileCoder* alone = nullptr)
-      : store_(std::move(store)), alone_(alone) {}
+  /// `alone`: if one of several states becomes a field of its own, what codes its tiles; else null.
+  explicit StoredTiles(storage::TileStore store, const TileCoder* alone = nullptr,
+                       unsigned state = 0)
+      : store_(std::move(store)), alone_(alone), state_(state) {}
 
   [[nodiscard]] Result<void> tile(TileKey key, SourceTile& tile) const override;
   void prefetch(std::span<const TileKey> keys) const override;
@@ -56,6 +56,7 @@ class StoredTiles final : public TileSource {
  private:
   storage::TileStore store_;
   const TileCoder* alone_;
+  const unsigned state_;
 };
 
 /// The samples of fields, each of which is a state of the new one, in another format. A tile is

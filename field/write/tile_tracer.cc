@@ -196,8 +196,7 @@ void TileTracer::trace(TileKey key, SourceTile& tile) const {
       const std::size_t count = std::min(rows, entries.size() - row) * exits.size();
       for (std::size_t k = 0; k < count; ++k)
         rays[k] = {entries[row + k / exits.size()], exits[k % exits.size()]};
-      scenes_[state_of(key)]->trace_many(std::span(rays).first(count),
-                                         std::span(seen).first(count));
+      scenes_[key.state]->trace_many(std::span(rays).first(count), std::span(seen).first(count));
     }
     const auto in_row = std::span(seen).subspan(in_batch * exits.size(), exits.size());
     if (filter) filter->mean(in_row, means);

@@ -33,9 +33,8 @@ class Verifier {
   }
 
   Result<VerifyReport> run(const Field& field) {
-    const auto whole = SLF_TRY(FieldFile::open(field.file().store(), FieldFile::kAllStates));
-    SLF_TRY(check_structure(whole->store()));
-    SLF_TRY(check_tiles(*whole));
+    SLF_TRY(check_structure(field.file().store()));
+    SLF_TRY(check_tiles(field.file()));
     report_.unfixed = report_.damaged;
     return std::move(report_);
   }
@@ -63,7 +62,7 @@ class Verifier {
     auto store = storage::TileStore::open(path);
     if (!store) return add(FindingKind::structure, store.error());
     SLF_TRY(check_structure(*store));
-    const auto field = FieldFile::open(*store, FieldFile::kAllStates);
+    const auto field = FieldFile::open(*store);
     if (!field) return add(FindingKind::manifest, field.error());
     transaction_ = (*field)->store().transaction();
     return check_tiles(**field);

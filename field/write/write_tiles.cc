@@ -54,7 +54,7 @@ class Pipeline {
       end = tiles_.count();
       if (reads_own_file_) {
         const TileKey first = key(begin);
-        end = tiles_.rank(order_.number(in_state(first_key(first.level), state_of(first) + 1)));
+        end = tiles_.rank(order_.number(in_state(first_key(first.level), first.state + 1)));
         set_written({});  // it lacks the level or state before, and commits could reuse no pages
         SLF_TRY(writer_.commit_level());
         SLF_TRY(follow());
@@ -109,7 +109,7 @@ class Pipeline {
     SLF_TRY(source_.tile(key, tile));
     MadeTile made{key, tile.ref.state};
     const auto source = SLF_TRY(plan_.coder ? same_.find(tile) : tile.ref.source);
-    made.back = state_of(key) - state_of(source);
+    made.back = key.state - source.state;
     if (made.state != TileState::stored || made.back > 0) return made;
     if (!plan_.coder) {
       made.payload.assign(tile.ref.payload.begin(), tile.ref.payload.end());
@@ -147,7 +147,7 @@ class Pipeline {
     const auto own = written();
     const auto read = [&] { return own->field().file().store().transaction(); };
     if (!reads_own_file_ || (own && writer_.transaction() < read() + kCommitsPerReader)) return {};
-    auto opened = SLF_TRY(FieldFile::whole(writer_.file()));
+    auto opened = SLF_TRY(FieldFile::open(writer_.file()));
     set_written(TileReader(Field::of(std::move(opened)), {.memory = plan_.budget.cache}));
     return {};
   }

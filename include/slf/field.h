@@ -81,9 +81,9 @@ class Field {
   /// The names of the states: variants of the object on one sphere; none if there is just one.
   [[nodiscard]] std::vector<std::string> states() const;
   /// The state that this shows: 0 after open().
-  [[nodiscard]] unsigned state() const;
+  [[nodiscard]] unsigned state() const { return state_; }
   /// Another state, of the same snapshot. To all that reads it, it is a field of its own. usage:
-  /// there is no such state. Other errors as open(). `name` may also be the number of a state.
+  /// there is no such state. `name` may also be the number of a state.
   [[nodiscard]] Result<Field> in_state(unsigned state) const;
   [[nodiscard]] Result<Field> in_state(const std::string& name) const;
   /// The source and the settings of the build: a JSON object without a fixed schema. Of a composed
@@ -116,6 +116,7 @@ class Field {
   explicit Field(std::shared_ptr<const FieldFile> file) : file_(std::move(file)) {}
   friend Result<Field> compose(const Field& field, std::vector<Structure> structures);
   std::shared_ptr<const FieldFile> file_;
+  unsigned state_ = 0;
   std::shared_ptr<const std::vector<Structure>> structures_;
 };
 

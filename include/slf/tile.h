@@ -7,11 +7,16 @@
 
 namespace slf {
 
-/// Names a tile of a field. Keys are ordered by level, then by the index within the level
-/// (FORMAT.md, "Tiles").
+/// Names a tile of a field. Keys are ordered by level, state of the object, and the index within
+/// the level (FORMAT.md, "Tiles").
 struct TileKey {
   std::uint8_t level = 0;
+  std::uint16_t state = 0;
   std::uint64_t index = 0;
+
+  constexpr TileKey() = default;
+  constexpr TileKey(std::uint8_t of_level, std::uint64_t at, std::uint16_t of_state = 0)
+      : level(of_level), state(of_state), index(at) {}
   friend auto operator<=>(const TileKey&, const TileKey&) = default;
 };
 
@@ -23,19 +28,17 @@ enum class TileState : std::uint8_t {
   same,     ///< has the payload of this tile in an earlier state of the object
 };
 
-/// The state of the object that a tile shows is above these bits of its index.
-inline constexpr int kStateBit = 50;
 inline constexpr unsigned kMaxStates = 1 << 12;
-[[nodiscard]] constexpr std::uint64_t state_of(TileKey key) { return key.index >> kStateBit; }
 /// This tile of another state.
 [[nodiscard]] constexpr TileKey in_state(TileKey key, std::uint64_t state) {
-  return {key.level, (key.index & ((std::uint64_t{1} << kStateBit) - 1)) | state << kStateBit};
+  return {key.level, key.index, static_cast<std::uint16_t>(state)};
 }
 
 /// For hash tables of tiles.
 struct TileKeyHash {
   std::size_t operator()(TileKey key) const {
-    return static_cast<std::size_t>((key.index * 0x9E3779B97F4A7C15u) ^
+    const std::uint64_t index = key.index | std::uint64_t{key.state} << 50;
+    return static_cast<std::size_t>((index * 0x9E3779B97F4A7C15u) ^
                                     (std::uint64_t{key.level} << 56));
   }
 };

@@ -103,10 +103,8 @@ TileKey key_of(unsigned level, std::uint32_t entry, std::uint32_t exit) {
 
 /// A tile as JavaScript has it: its level with its state, and its entry and exit sections.
 std::array<std::uint32_t, 3> triple_of(TileKey key) {
-  const TileSections of =
-      sections_of(in_state(key, 0), module().manifest->shape.entry_extra_levels);
-  return {key.level | static_cast<std::uint32_t>(state_of(key)) << 8, of.entry.index,
-          of.exit.index};
+  const TileSections of = sections_of(key, module().manifest->shape.entry_extra_levels);
+  return {key.level | static_cast<std::uint32_t>(key.state) << 8, of.entry.index, of.exit.index};
 }
 
 /// The tiles that the buffer holds: (level, entry section, exit section), u32 each.

@@ -25,7 +25,11 @@ inline constexpr std::uint8_t kNoLevel = 255;
 
 [[nodiscard]] std::uint64_t checksum(ByteSpan bytes, std::uint64_t seed = 0);
 
-/// A record's key in the tree: the level, then the index, big-endian, so that LMDB's byte
+/// The state and index of a tile in one number, as files have them: the state is above 50 bits.
+[[nodiscard]] std::uint64_t packed_index(TileKey key);
+[[nodiscard]] TileKey unpacked_key(std::uint8_t level, std::uint64_t packed);
+
+/// A record's key in the tree: the level, then the packed index, big-endian, so that LMDB's byte
 /// order is the order of TileKey.
 using RecordKey = std::array<std::byte, 9>;
 [[nodiscard]] RecordKey encode_key(TileKey last);
@@ -40,6 +44,9 @@ struct Tile {
   std::uint64_t offset = 0;  ///< of the payload in the value; set by reading
   std::uint64_t size = 0;    ///< of the payload; set by reading
   std::uint64_t back = 0;    ///< if it is the same: how many states before its own
+
+  /// The key of the tile that has the payload of the tile `key`, which this is.
+  [[nodiscard]] TileKey source(TileKey key) const { return in_state(key, key.state - back); }
 };
 
 /// A record whose header and table have been checked. Views the value.
@@ -57,7 +64,11 @@ class Record {
 
   [[nodiscard]] const std::optional<TileKey>& previous() const { return previous_; }
   [[nodiscard]] TileKey first() const { return first_; }
-  [[nodiscard]] TileKey last() const { return {first_.level, first_.index + count_ - 1}; }
+  [[nodiscard]] TileKey last() const { return key(count_ - 1); }
+  /// The key of the tile at a position.
+  [[nodiscard]] TileKey key(std::uint32_t position) const {
+    return {first_.level, first_.index + position, first_.state};
+  }
   [[nodiscard]] std::uint32_t count() const { return count_; }
   [[nodiscard]] ByteSpan bytes() const { return value_; }
 

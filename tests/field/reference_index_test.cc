@@ -43,7 +43,7 @@ TEST(ReferenceIndex, FindsWhatWasWritten) {
       EXPECT_EQ(as_set(found), as_set(tile.references)) << tile.key.index;
       found.clear();
       index->append_references(in_state(tile.key, 5), found);  // each state has the same
-      for (TileKey& key : found) key = in_state(key, state_of(key) - 5);
+      for (TileKey& key : found) key = in_state(key, key.state - 5);
       EXPECT_EQ(as_set(found), as_set(tile.references)) << tile.key.index;
     }
     std::vector<TileKey> none;

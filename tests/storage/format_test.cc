@@ -121,7 +121,7 @@ TEST(Format, ForgedRecordsAreRefusedOrHarmless) {
     if (!record) continue;
     ++accepted;
     for (internal::Record::Walk walk(*record); walk.next();) {
-      EXPECT_LE(walk.tile().back, state_of(record->first()));
+      EXPECT_LE(walk.tile().back, record->first().state);
       EXPECT_EQ(walk.tile().back > 0, walk.tile().state == TileState::same);
       const ByteSpan view = walk.tile().payload;
       const bool inside =

@@ -27,13 +27,13 @@ class History {
     for (int i = 0; i < run; ++i) {
       TileKey key = top_ ? TileKey{top_->level, top_->index + step} : TileKey{};
       if (i == 0 && level_up == 1 && top_) key = {static_cast<std::uint8_t>(top_->level + 1), 0};
-      if (i == 0 && level_up == 2 && top_) key = in_state({top_->level, 0}, state_of(*top_) + 1);
+      if (i == 0 && level_up == 2 && top_) key = in_state({top_->level, 0}, top_->state + 1);
       const Bytes bytes = tile_bytes(key, size == 0 ? 0 : size + key.index % 9, salt_);
-      const TileKey earlier = in_state(key, state_of(key) / 2);
-      const bool same = state_of(key) > 0 && key.index % 3 > 0 && is_stored(earlier);
-      RC_ASSERT((same ? writer_->append(key, {}, state_of(key) - state_of(earlier))
-                      : writer_->append(key, bytes))
-                    .has_value());
+      const TileKey earlier = in_state(key, key.state / 2);
+      const bool same = key.state > 0 && key.index % 3 > 0 && is_stored(earlier);
+      RC_ASSERT(
+          (same ? writer_->append(key, {}, key.state - earlier.state) : writer_->append(key, bytes))
+              .has_value());
       held_[key] = same ? Bytes() : bytes;
       if (same) same_[key] = earlier;
       if (!same) same_.erase(key);

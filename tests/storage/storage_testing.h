@@ -129,7 +129,7 @@ inline void expect_finds_alike_in_one(const TileStore& store, const Model& model
 inline Model of_state(const Model& model, std::uint64_t state) {
   Model own;
   for (const auto& [key, bytes] : model)
-    if (state_of(key) == state) own[in_state(key, 0)] = bytes;
+    if (key.state == state) own[in_state(key, 0)] = bytes;
   return own;
 }
 
@@ -137,7 +137,7 @@ inline Model of_state(const Model& model, std::uint64_t state) {
 inline void expect_finds_alike(const TileStore& store, const Model& model) {
   expect_finds_alike_in_one(store, model);
   std::set<std::uint64_t> states;
-  for (const auto& [key, bytes] : model) states.insert(state_of(key));
+  for (const auto& [key, bytes] : model) states.insert(key.state);
   for (const std::uint64_t state : states)
     if (states.size() > 1)
       expect_finds_alike_in_one(store.in_state(static_cast<unsigned>(state)),

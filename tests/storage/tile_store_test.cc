@@ -92,7 +92,7 @@ TEST(TileStore, ShowsOneStateAsIfItWereTheOnlyOne) {
       ASSERT_TRUE(ok(writer.append(key, model[key])));
     };
     const auto append_same = [&](TileKey key, std::uint64_t back) {
-      model[key] = model[in_state(key, state_of(key) - back)];
+      model[key] = model[in_state(key, key.state - back)];
       ASSERT_TRUE(ok(writer.append(key, {}, back)));
     };
     for (const std::uint8_t level : {std::uint8_t{0}, std::uint8_t{3}}) {

@@ -149,23 +149,23 @@ TEST_P(States, ShowWhatFieldsOfTheirOwnShow) {
 
 // A cut changes a ball's tiles in part, and another colour changes none of its edges.
 TEST_P(States, TilesArePredictedFromThoseOfOtherStates) {
-  const auto field = FieldFile::whole(build_all());
+  const auto field = FieldFile::open(build_all());
   ASSERT_TRUE(field);
   if (!(*field)->predicts()) return;
   std::map<std::uint64_t, std::uint64_t> predicted, stored;
   const auto count = [&](const storage::TileRef& tile) -> Result<void> {
     if (tile.state != TileState::stored) return {};
-    ++stored[state_of(tile.key)];
+    ++stored[tile.key.state];
     const auto references = (*field)->references(tile);
     EXPECT_TRUE(references) << references.error().message;
     for (const TileKey reference : *references)
       if (reference.level == tile.key.level) {
-        ++predicted[state_of(tile.key)];
+        ++predicted[tile.key.state];
         EXPECT_LE((*field)->chain(tile).value_or(99), kMaxChain);
-        EXPECT_LT(state_of(reference), state_of(tile.key));
+        EXPECT_LT(reference.state, tile.key.state);
         EXPECT_EQ(in_state(reference, 0), in_state(tile.key, 0));
       } else {
-        EXPECT_EQ(state_of(reference), state_of(tile.key));
+        EXPECT_EQ(reference.state, tile.key.state);
       }
     return {};
   };
@@ -192,10 +192,10 @@ TEST_P(States, DamageSpreadsToWhatIsPredictedFromIt) {
   TileKey lost;
   std::size_t expected = 0;
   {
-    const auto field = FieldFile::whole(file);
+    const auto field = FieldFile::open(file);
     ASSERT_TRUE(field);
     const auto find = [&](const storage::TileRef& tile) -> Result<void> {
-      if (tile.state == TileState::stored && tile.key.level == 1 && state_of(tile.key) == 0)
+      if (tile.state == TileState::stored && tile.key.level == 1 && tile.key.state == 0)
         if (const std::size_t count = depends(**field, tile.key); count > expected)
           expected = count, lost = tile.key;
       return {};
@@ -231,7 +231,7 @@ TEST_P(States, AnInterruptedBuildEndsWithTheSameBytes) {
     EXPECT_FALSE(stopped) << stop;
   }
   build_all("b.slf");
-  const auto in_a = FieldFile::whole(path("all.slf")), in_b = FieldFile::whole(path("b.slf"));
+  const auto in_a = FieldFile::open(path("all.slf")), in_b = FieldFile::open(path("b.slf"));
   ASSERT_TRUE(in_a && in_b);
   std::vector<storage::TileRef> tiles;
   const auto add = [&](const storage::TileRef& tile) -> Result<void> {
@@ -250,7 +250,7 @@ TEST_P(States, AnInterruptedBuildEndsWithTheSameBytes) {
 
 std::map<TileKey, std::pair<TileKey, std::string>> tiles_of(const std::string& path) {
   std::map<TileKey, std::pair<TileKey, std::string>> tiles;
-  const auto field = FieldFile::whole(path);
+  const auto field = FieldFile::open(path);
   EXPECT_TRUE(field) << field.error().message;
   const auto add = [&](const storage::TileRef& tile) -> Result<void> {
     const auto* bytes = reinterpret_cast<const char*>(tile.payload.data());
@@ -272,7 +272,7 @@ TEST_P(States, PartsMergeToTheFieldOfOneBuild) {
     EXPECT_TRUE(merge(parts) == expected) << n;
     // Of each state, a part has the same tiles.
     std::map<std::uint64_t, std::uint64_t> count;
-    for (const auto& [key, tile] : tiles_of(parts.front())) ++count[state_of(key)];
+    for (const auto& [key, tile] : tiles_of(parts.front())) ++count[key.state];
     EXPECT_EQ(count.size(), states_.size());
     for (const auto& [state, tiles] : count) EXPECT_EQ(tiles, count[0]) << state;
   }
@@ -384,7 +384,7 @@ TEST_P(States, ALostTileIsMissingInAllStatesThatShareIt) {
   const std::string file = build_all();
   TileKey shared, source;
   {
-    const auto field = FieldFile::whole(file);
+    const auto field = FieldFile::open(file);
     ASSERT_TRUE(field);
     const auto take = [&](const storage::TileRef& tile) -> Result<void> {
       if (tile.state == TileState::same) shared = tile.key, source = tile.source;
@@ -402,7 +402,7 @@ TEST_P(States, ALostTileIsMissingInAllStatesThatShareIt) {
   EXPECT_EQ(verified->damaged, 0u);
   EXPECT_THAT(verified->findings.at(0).message, HasSubstr(", which it is the same as, is missing"));
   {
-    const auto state = Field::open(file)->in_state(static_cast<unsigned>(state_of(shared)));
+    const auto state = Field::open(file)->in_state(static_cast<unsigned>(shared.state));
     ASSERT_TRUE(state);
     EXPECT_EQ(state->file().store().find(in_state(shared, 0))->state, TileState::missing);
   }
@@ -415,7 +415,7 @@ TEST_P(States, ALostTileIsMissingInAllStatesThatShareIt) {
 TEST_P(States, AnyLostRecordIsRebuilt) {
   const std::string file = build_all(), good = read_text(file);
   const auto content = [&] {
-    const auto field = FieldFile::whole(file);
+    const auto field = FieldFile::open(file);
     EXPECT_TRUE(field) << field.error().message;
     return testing::all_tiles(Field::of(*field));
   };
@@ -475,7 +475,7 @@ TEST_P(States, DifferencesOfLaterStatesAreFound) {
   EXPECT_GT(differing(0, true), 0u);
   const auto all = diff_fields(*a, *b, {0, true});
   EXPECT_FALSE(all->alike(60));
-  EXPECT_EQ(state_of(*all->channels[0].worst), 1u);
+  EXPECT_EQ(all->channels[0].worst->state, 1u);
   EXPECT_TRUE(diff_fields(*a, *a, {0, true})->equal());
 
   const auto composed = [](const Field& field, float opacity) {
