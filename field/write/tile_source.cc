@@ -34,11 +34,11 @@ void append_colors(ByteSpan in, bool from_half, bool to_half, Bytes& out) {
 Result<void> StoredTiles::tile(TileKey key, SourceTile& tile) const {
   storage::TileRef& ref = tile.ref;
   ref = SLF_TRY(store_.find(alone_ ? in_state(key, state_) : key));
-  if (ref.state != TileState::stored || (!alone_ && ref.source != key)) return {};
-  SLF_TRY(store_.check(ref));
+  const bool copied = ref.state == TileState::stored && (alone_ || ref.source == key);
+  if (copied) SLF_TRY(store_.check(ref));
   if (!alone_) return {};
   ref.source = key;
-  ref.payload = SLF_TRY(alone_->without_states(key, ref.payload));
+  if (copied) ref.payload = SLF_TRY(alone_->without_states(key, ref.payload));
   return {};
 }
 

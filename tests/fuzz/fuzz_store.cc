@@ -48,8 +48,8 @@ void read_store(const TileStore& store) {
   for (const TileKey key : keys)
     if (auto tile = store.find(key)) (void)store.check(*tile);
   (void)store.find_all(keys);
-  (void)store.statistics();
-  (void)store.covered();
+  (void)store.statistics({{}, {255, 0}});
+  (void)store.covered({{}, {255, 0}});
   store.advise(tiles);
   store.release(tiles);
   std::vector<Error> findings;

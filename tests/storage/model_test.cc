@@ -25,7 +25,7 @@ class History {
     const auto level_up = *rc::gen::weightedElement<int>({{8, 0}, {1, 1}, {2, 2}});
     const auto size = *rc::gen::element<std::size_t>(0, 1, 40, 900, 5000, 70000, 300000);
     for (int i = 0; i < run; ++i) {
-      TileKey key = top_ ? TileKey{top_->level, top_->index + step} : TileKey{};
+      TileKey key = top_ ? TileKey{top_->level, top_->index + step, top_->state} : TileKey{};
       if (i == 0 && level_up == 1 && top_) key = {static_cast<std::uint8_t>(top_->level + 1), 0};
       if (i == 0 && level_up == 2 && top_) key = in_state({top_->level, 0}, top_->state + 1);
       const Bytes bytes = tile_bytes(key, size == 0 ? 0 : size + key.index % 9, salt_);
@@ -95,7 +95,8 @@ class History {
     for (const auto& [key, bytes] : kept_) {
       if ((key.index + random) % 7 != 0) continue;
       for (const TileKey near :
-           {key, TileKey{key.level, key.index + 1}, TileKey{key.level, key.index - 1}}) {
+           {key, TileKey{key.level, key.index + 1, key.state},
+            TileKey{key.level, key.index - (key.index > 0 ? 1 : 0), key.state}}) {
         const auto found = store->find(near);
         RC_ASSERT(found.has_value());
         const auto kept = kept_.find(near);

@@ -96,7 +96,7 @@ inline Model contents(const TileStore& store) {
 /// find_all() gives, for the tiles of the model and some that are not there, in any order and
 /// repeatedly, exactly what find() gives. In a damaged file it may find more: a record that was
 /// reached by another of its tiles.
-inline void expect_finds_alike_in_one(const TileStore& store, const Model& model) {
+inline void expect_finds_alike(const TileStore& store, const Model& model) {
   std::vector<TileKey> keys{{0, 0}, {7, 7}, {254, ~std::uint64_t{0}}};
   for (const auto& [key, bytes] : model) {
     keys.push_back(key);
@@ -131,17 +131,6 @@ inline Model of_state(const Model& model, std::uint64_t state) {
   for (const auto& [key, bytes] : model)
     if (key.state == state) own[in_state(key, 0)] = bytes;
   return own;
-}
-
-/// The same of all states together, and of each alone.
-inline void expect_finds_alike(const TileStore& store, const Model& model) {
-  expect_finds_alike_in_one(store, model);
-  std::set<std::uint64_t> states;
-  for (const auto& [key, bytes] : model) states.insert(key.state);
-  for (const std::uint64_t state : states)
-    if (states.size() > 1)
-      expect_finds_alike_in_one(store.in_state(static_cast<unsigned>(state)),
-                                of_state(model, state));
 }
 
 /// No finding, and find() agrees with the model for its tiles.

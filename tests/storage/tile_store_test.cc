@@ -63,16 +63,19 @@ TEST(TileStore, TellsMissingFromEmpty) {
     EXPECT_EQ(state(key), TileState::missing) << int{key.level} << "/" << key.index;
 }
 
-TEST(TileStore, HoldsIndexesOf64Bits) {
+TEST(TileStore, HoldsIndexesOf50BitsInAnyState) {
   TemporaryFolder folder;
   const std::string path = folder / "a.slf";
   Model model;
   {
     TileWriter writer = create(path);
-    const std::uint64_t top = ~std::uint64_t{0};
+    constexpr std::uint64_t kTop = (std::uint64_t{1} << 50) - 1;
+    constexpr std::uint16_t kLast = (1 << 14) - 1;
     for (const TileKey key :
          {TileKey{0, 0}, TileKey{0, 1u << 31}, TileKey{0, std::uint64_t{1} << 32},
-          TileKey{0, top - 1}, TileKey{0, top}, TileKey{1, 0}, TileKey{254, top}}) {
+          TileKey{0, kTop - 1}, TileKey{0, kTop}, TileKey{0, 0, 1}, TileKey{0, kTop, kLast - 1},
+          TileKey{0, 0, kLast}, TileKey{0, kTop, kLast}, TileKey{1, 0},
+          TileKey{254, kTop, kLast}}) {
       model[key] = tile_bytes(key, 33);
       ASSERT_TRUE(ok(writer.append(key, model[key])));
     }
@@ -81,7 +84,7 @@ TEST(TileStore, HoldsIndexesOf64Bits) {
   expect_holds(path, model);
 }
 
-TEST(TileStore, ShowsOneStateAsIfItWereTheOnlyOne) {
+TEST(TileStore, HoldsTilesOfSeveralStates) {
   TemporaryFolder folder;
   const std::string path = folder / "a.slf";
   Model model;
@@ -118,30 +121,39 @@ TEST(TileStore, ShowsOneStateAsIfItWereTheOnlyOne) {
   ASSERT_TRUE(ok(store));
   std::uint64_t payloads = 0;
   for (const unsigned state : {0u, 1u, 4095u}) {
-    const TileStore shown = store->in_state(state);
+    const auto keys_of = [&](std::uint8_t level) {
+      return TileRange{in_state({level, 0}, state), in_state({level, 0}, state + 1)};
+    };
     const Model own = of_state(model, state);
-    EXPECT_EQ(contents(shown), own) << state;
-    const auto levels = shown.statistics();
-    ASSERT_TRUE(ok(levels));
-    ASSERT_EQ(levels->size(), 2u);
-    EXPECT_EQ(levels->back().stored + levels->back().empty + levels->back().same, own.size() / 2);
-    payloads += levels->front().payload_bytes;
-    const auto covered = shown.covered();
+    for (const std::uint8_t level : {std::uint8_t{0}, std::uint8_t{3}}) {
+      const auto found = store->statistics(keys_of(level));
+      ASSERT_TRUE(ok(found));
+      EXPECT_EQ(found->stored + found->empty + found->same, own.size() / 2);
+      if (level == 0) payloads += found->payload_bytes;
+    }
+    const auto covered = store->covered(keys_of(3));
     ASSERT_TRUE(ok(covered));
-    EXPECT_EQ(covered->back().end, (TileKey{3, std::prev(own.end())->first.index + 1}));
-    // A tile of another state, by how many states it is away.
-    const auto other = shown.find(in_state({3, 9}, 1 - std::uint64_t{state}));
-    ASSERT_TRUE(ok(other));
-    EXPECT_TRUE(std::ranges::equal(other->payload, model[in_state({3, 9}, 1)]));
+    const TileKey last = in_state(std::prev(own.end())->first, state);
+    EXPECT_EQ(covered->back().end, (TileKey{3, last.index + 1, last.state}));
+    std::size_t visited = 0;
+    const auto [begin, end] = keys_of(3);
+    ASSERT_TRUE(ok(store->visit(begin, end, [&](const TileRef& tile) -> Result<void> {
+      EXPECT_EQ(tile.key.state, state);
+      EXPECT_EQ(own.count(in_state(tile.key, 0)), 1u);
+      ++visited;
+      return {};
+    })));
+    EXPECT_EQ(visited, own.size() / 2);
     // What a reader of a tile touches is that of its own state, and of the one that it names.
-    const auto pages = shown.pages(std::vector<TileKey>{{3, 2998}});
-    const auto range = shown.range(*shown.find({3, 2998}));
+    const TileKey key = in_state({3, 2998}, state);
+    const auto pages = store->pages(std::vector<TileKey>{key});
+    const auto range = store->range(*store->find(key));
     ASSERT_TRUE(ok(pages));
     EXPECT_TRUE(std::ranges::binary_search(*pages, range.begin / 4096));
   }
-  const auto all = store->statistics();
+  const auto all = store->statistics({{0, 0}, {1, 0}});
   ASSERT_TRUE(ok(all));
-  EXPECT_EQ(all->front().payload_bytes, payloads);
+  EXPECT_EQ(all->payload_bytes, payloads);
 }
 
 TEST(TileStore, ATileThatIsTheSameAsNoneThatIsStoredIsMissing) {
@@ -158,9 +170,11 @@ TEST(TileStore, ATileThatIsTheSameAsNoneThatIsStoredIsMissing) {
   }
   const auto store = TileStore::open(path);
   ASSERT_TRUE(ok(store));
-  EXPECT_EQ(contents(store->in_state(1)), (Model{{{0, 2}, bytes_of("two")}}));
-  EXPECT_EQ(contents(store->in_state(2)), Model());
-  EXPECT_EQ(store->in_state(2).find({0, 2})->state, TileState::missing);
+  const TileRef found = *store->find(in_state({0, 2}, 1));
+  EXPECT_EQ(found.source, (TileKey{0, 2}));
+  EXPECT_TRUE(std::ranges::equal(found.payload, bytes_of("two")));
+  for (const TileKey key : {in_state({0, 0}, 1), in_state({0, 1}, 1), in_state({0, 2}, 2)})
+    EXPECT_EQ(store->find(key)->state, TileState::missing) << name(key);
 }
 
 TEST(TileStore, HoldsTilesOfAllSizes) {
@@ -230,17 +244,14 @@ TEST(TileStore, CountsTilesPerLevel) {
   }
   auto store = TileStore::open(path);
   ASSERT_TRUE(ok(store));
-  const auto levels = store->statistics();
-  ASSERT_TRUE(ok(levels));
-  ASSERT_EQ(levels->size(), 3u);
   for (std::uint8_t level = 0; level < 3; ++level) {
-    const LevelStatistics& found = (*levels)[level];
+    const auto found = store->statistics({{level, 0}, {static_cast<std::uint8_t>(level + 1), 0}});
+    ASSERT_TRUE(ok(found));
     const std::uint64_t tiles = 100u * (level + 1u);
-    EXPECT_EQ(found.level, level);
-    EXPECT_EQ(found.empty, tiles / 4);
-    EXPECT_EQ(found.stored, tiles * 3 / 4);
-    EXPECT_EQ(found.payload_bytes, tiles * 15);
-    EXPECT_EQ(found.records, 1u);
+    EXPECT_EQ(found->empty, tiles / 4);
+    EXPECT_EQ(found->stored, tiles * 3 / 4);
+    EXPECT_EQ(found->payload_bytes, tiles * 15);
+    EXPECT_EQ(found->records, 1u);
   }
 }
 

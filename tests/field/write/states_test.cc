@@ -534,7 +534,7 @@ TEST_P(States, MissingTilesStayMissing) {
     ASSERT_TRUE(done) << done.error().message;
     EXPECT_GE(done->missing, 1u);
     const auto copy = Field::open(path("copy.slf"))->in_state(2);
-    EXPECT_EQ(copy->file().store().find({1, 3})->state, TileState::missing);
+    EXPECT_EQ(copy->file().store().find(in_state({1, 3}, 2))->state, TileState::missing);
     EXPECT_FALSE(copy->content()->complete);
   }
 }
