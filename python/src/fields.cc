@@ -126,7 +126,8 @@ py::array tile(OpenField& open, unsigned level, std::uint64_t entry, std::uint64
   auto set = call.value(field.path(), [&]() -> Result<TileSampleSet> {
     const auto key = find_tile(field, {level, entry, exit});
     if (!key) return tl::unexpected(key.error());
-    return open.drawn([&](Renderer& by) { return read_tile(by.tiles(), *key, channel); });
+    const TileReader tiles = open.drawn([](Renderer& by) -> TileReader { return by.tiles(); });
+    return read_tile(tiles, *key, channel);
   });
   const py::ssize_t entries = static_cast<py::ssize_t>(set.entries.size());
   const py::ssize_t columns = py::ssize_t{set.side + 1} * (set.side + 2) / 2;

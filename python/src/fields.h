@@ -62,9 +62,11 @@ class OpenField {
   auto drawn(F&& f) {
     const AtWork at_work;
     const std::lock_guard lock(drawing_->mutex);
-    if (std::exchange(drawing_->of, number_) != number_) {
+    if (drawing_->of != number_) {
+      drawing_->of = 0;
       drawing_->renderer.reset();
       drawing_->renderer = std::make_unique<Renderer>(field_, options_);
+      drawing_->of = number_;
     }
     return std::forward<F>(f)(*drawing_->renderer);
   }
