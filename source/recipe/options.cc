@@ -457,7 +457,8 @@ std::vector<Option> make_options() {
       [](auto& r) -> auto& { return r.field.half; }));
   add_rare(flag(
       "keep_light", kStates,
-      "Keep the light volume in the field, so that evaluate and a resumed build need not compute it",
+      "Keep the light volume in the field, so that evaluate and a resumed build need not compute "
+      "it",
       [](auto& r) -> auto& { return r.field.keep_light; }));
   add_rare(row(
       "center", kFrame, kPosition,
