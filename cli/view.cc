@@ -3,12 +3,15 @@
 #include <unistd.h>
 
 #include <cstdio>
+#include <filesystem>
 
 #include "base/file.h"
 #include "base/try.h"
 #include "cli/command.h"
 #include "page/page.h"
 #include "page/site.h"
+#include "page/studio/studio.h"
+#include "slf/field.h"
 
 namespace slf::cli {
 namespace {
@@ -38,10 +41,13 @@ struct Serving {
 };
 
 struct ViewArguments {
-  std::vector<std::string> fields, frames;
+  std::vector<std::string> inputs, frames;
   std::uint16_t port = 0;
   std::string bind, views;
   FirstArguments first;
+  SourceArguments source;  // of a field that is to be made
+  std::string output, save;
+  unsigned threads = 0;
   bool open = false, json = false;
 };
 
@@ -55,9 +61,41 @@ void open_browser(const std::string& url) {
   _exit(127);
 }
 
+/// Whether fields are to be shown, and not something that one can be made of.
+bool are_fields(const std::vector<std::string>& inputs) {
+  return inputs.size() != 1 || inputs[0].ends_with(".slf") || Field::open(inputs[0]);
+}
+
+Result<std::unique_ptr<page::Studio>> make_studio(const ViewArguments& a, page::Server*& server) {
+  SourceArguments source = a.source;
+  SLF_TRY(recipe::set(source, "input", a.inputs[0]));
+  const std::filesystem::path input = source.input;
+  if (is_recipe(source.input)) SLF_TRY(hinted(read_recipe(std::string(source.input), source)));
+  page::StudioOptions options;
+  options.output = a.output;
+  if (a.output.empty()) {
+    const std::string stem = input.filename().string();
+    options.output = stem.substr(0, stem.find('.', 1)) + ".slf";
+  }
+  options.save = a.save;
+  options.threads = a.threads;
+  options.show = [&server](const std::string& field) { return server->add(field); };
+  return page::Studio::make(std::move(source), std::move(options));
+}
+
 Result<void> run_view(const ViewArguments& arguments) {
   if (page::page_files().empty()) return fail(ErrorCode::unsupported, page::no_page());
   page::ServerOptions options;
+  page::Server* running = nullptr;
+  std::unique_ptr<page::Studio> studio;
+  std::vector<std::string> fields = arguments.inputs;
+  if (!are_fields(fields)) {
+    studio = SLF_TRY(hinted(make_studio(arguments, running)));
+    options.studio = [&](const page::Request& request, std::string_view rest) {
+      return studio->answer(request, rest);
+    };
+    fields.clear();
+  }
   options.port = arguments.port;
   options.frames = arguments.frames;
   if (!arguments.views.empty()) options.views = SLF_TRY(page::read_views(arguments.views));
@@ -66,7 +104,8 @@ Result<void> run_view(const ViewArguments& arguments) {
     options.address = arguments.bind;
     options.any_host = true;
   }
-  auto server = SLF_TRY(hinted(page::Server::make(arguments.fields, options)));
+  auto server = SLF_TRY(hinted(page::Server::make(fields, options)));
+  running = &server;
   if (arguments.json)
     print_json(Serving{server.url()});
   else
@@ -109,8 +148,19 @@ Result<void> run_export(const ExportArguments& a) {
 }  // namespace
 
 void add_view(CLI::App& app, Run& run) {
-  const auto [command, a] = add_command(app, run, "view", "Show fields in a browser", run_view);
-  add_file(*command, "FIELD", a->fields, "Fields to show", kFieldFile)->required();
+  const auto [command, a] =
+      add_command(app, run, "view", "Show fields in a browser, or make one by looking", run_view);
+  add_file(
+      *command, "INPUT", a->inputs,
+      "Fields to show; or one volume, mesh, set of pictures or recipe (as of slf build), whose\n"
+      "colours, light and cuts are then chosen on the page, which saves and builds",
+      kAnyFile)
+      ->required();
+  add_file(*command, "-o,--output", a->output,
+           "The field that the page builds (default: the input's name, with .slf)");
+  add_file(*command, "--save", a->save,
+           "Where the page saves the recipe (default: beside the output, as NAME.recipe.json)");
+  add_threads(*command, a->threads);
   command->add_option("--port", a->port, "Port to listen on; 0: any free one");
   command->add_option(
       "--bind", a->bind,
@@ -125,6 +175,8 @@ void add_view(CLI::App& app, Run& run) {
       ->take_all();
   command->add_option("--views", a->views, kViews)->type_name(kViewsFile);
   a->first.add_to(*command);
+  a->source.add_to(*command,
+                   [](const recipe::Option& option) { return option.use == recipe::Use::reading; });
   command->add_flag("--open", a->open, "Open the page in the desktop's browser");
   add_json<Serving>(*command, a->json);
 }

@@ -10,6 +10,7 @@
 #include <algorithm>
 #include <array>
 #include <cerrno>
+#include <charconv>
 #include <chrono>
 #include <cstring>
 #include <deque>
@@ -28,7 +29,9 @@ using Clock = std::chrono::steady_clock;
 constexpr std::chrono::seconds kStall(5);       // that a peer may stall in a request or an answer
 constexpr std::chrono::seconds kIdle(60);       // that it may take to the next request
 constexpr int kTick = 100;                      // milliseconds between two calls of `stop`
+constexpr int kSoon = 5;                        // and while a request waits for its answer
 constexpr std::size_t kMaxHead = 16 << 10;      // bytes of a request
+constexpr std::size_t kMaxBody = 1 << 20;       // and of what follows it
 constexpr std::size_t kChunkBytes = 128 << 10;  // bytes read from a file at once
 constexpr const char* kTokens = "!#$%&'*+-.^_`|~";  // beside letters and digits
 
@@ -66,11 +69,14 @@ class Connection {
   ~Connection() { ::close(socket_); }
 
   [[nodiscard]] pollfd events() const {
-    return {socket_, static_cast<short>(state_ == State::sending ? POLLOUT : POLLIN), 0};
+    const short wanted = state_ == State::sending ? POLLOUT : POLLIN;
+    return {socket_, waits() ? static_cast<short>(0) : wanted, 0};
   }
   [[nodiscard]] bool expired(Clock::time_point now) const {
-    return now - since_ > (state_ == State::reading && in_.empty() ? kIdle : kStall);
+    return now - since_ > (waits() || (state_ == State::reading && in_.empty()) ? kIdle : kStall);
   }
+  /// Whether a request has come whose answer has not.
+  [[nodiscard]] bool waits() const { return request_.has_value(); }
   /// The order in which connections are given up: idle ones first, the longest idle of all first.
   [[nodiscard]] std::pair<bool, Clock::time_point> worth() const {
     return {state_ == State::sending, since_};
@@ -79,6 +85,10 @@ class Connection {
   /// Receives or sends something. Returns false if the connection is to be closed.
   bool advance(const HttpServer::Answer& answer) {
     return state_ == State::sending ? send(answer) : receive(answer);
+  }
+  /// Answers the request that waits, if its answer is there.
+  void resume(const HttpServer::Answer& answer) {
+    if (auto response = answer(*request_)) begin(std::move(*response));
   }
 
  private:
@@ -101,18 +111,34 @@ class Connection {
   void begin_answer(const HttpServer::Answer& answer) {
     const std::size_t end = in_.find("\r\n\r\n");
     if (end == std::string::npos && in_.size() <= kMaxHead) return;
+    request_ = parse_request(std::string_view(in_).substr(0, end));
+    const int refused = end == std::string::npos ? 431 : request_ ? 0 : 400;
+    std::size_t body = 0;
+    if (!refused && request_->count("content-length") == 1 &&
+        request_->count("transfer-encoding") == 0) {
+      const std::string_view text = request_->header("content-length");
+      const auto read = std::from_chars(text.data(), text.data() + text.size(), body);
+      if (read.ec == std::errc() && read.ptr == text.data() + text.size() && body <= kMaxBody) {
+        if (in_.size() < end + 4 + body) return request_.reset();
+        request_->body = in_.substr(end + 4, body);
+      } else {
+        body = std::string::npos;
+      }
+    } else if (!refused &&
+               request_->count("content-length") + request_->count("transfer-encoding") > 0) {
+      body = std::string::npos;
+    }
+    // A body that is not read may be followed by anything.
+    const bool unread = body == std::string::npos;
+    in_.erase(0, refused ? in_.size() : unread ? end + 4 : end + 4 + body);
+    closes_ = refused || unread || !request_->keeps;
+    since_ = Clock::now();
+    if (!refused) return resume(answer);
     Response response;
-    const auto request = parse_request(std::string_view(in_).substr(0, end));
-    if (end == std::string::npos)
-      response.status = 431;
-    else if (!request)
-      response.status = 400;
-    else
-      response = answer(*request);
-    in_.erase(0, end == std::string::npos ? end : end + 4);
-    // A body is not read, so nothing is known of what follows it.
-    closes_ = !request || response.status == 431 || !request->keeps ||
-              request->count("content-length") + request->count("transfer-encoding") > 0;
+    response.status = refused;
+    begin(std::move(response));
+  }
+  void begin(Response response) {
     std::uint64_t size = 0;
     for (const Response::Piece& piece : response.body) size += piece.text.size() + piece.part.size;
     if (response.status != 304) response.set("Content-Length", std::to_string(size));
@@ -120,9 +146,10 @@ class Connection {
     out_ = "HTTP/1.1 " + std::to_string(response.status) + " \r\n" + response.headers + "\r\n";
     sent_ = 0;
     body_.clear();
-    if (request && request->method != "HEAD")
+    if (request_ && request_->method != "HEAD")
       body_.assign(response.body.begin(), response.body.end());
     read_ = std::move(response.read);
+    request_.reset();
     state_ = State::sending;
     since_ = Clock::now();
   }
@@ -170,6 +197,7 @@ class Connection {
   State state_ = State::reading;
   Clock::time_point since_ = Clock::now();  ///< of the last progress that counts
   std::string in_;                          ///< what was received and not answered
+  std::optional<Request> request_;          ///< that waits for its answer
   std::string out_;                         ///< bytes of the answer, of which sent_ were sent
   std::size_t sent_ = 0;
   std::deque<Response::Piece> body_;  ///< the rest of it
@@ -261,13 +289,18 @@ Result<void> HttpServer::run(const Answer& answer, const std::function<bool()>& 
     while (!stop()) {
       polled.assign(1, {listener_, POLLIN, 0});
       for (const Connection& connection : connections) polled.push_back(connection.events());
-      if (poll(polled.data(), polled.size(), kTick) < 0 && errno != EINTR)
+      const bool waits = std::ranges::any_of(connections, &Connection::waits);
+      if (poll(polled.data(), polled.size(), waits ? kSoon : kTick) < 0 && errno != EINTR)
         return fail(ErrorCode::failed, "the server ended: ", std::strerror(errno));
       const auto now = Clock::now();
       std::size_t i = 0;
       connections.remove_if([&](Connection& connection) {
         bool goes_on = true;
-        if (polled[++i].revents != 0)
+        const bool ready = polled[++i].revents != 0;
+        if (connection.waits())
+          goes_on = guarded([&] { connection.resume(answer); }).has_value() &&
+                    (polled[i].revents & (POLLHUP | POLLERR)) == 0;
+        else if (ready)
           goes_on = guarded([&] { goes_on = connection.advance(answer); }) && goes_on;
         return !goes_on || connection.expired(now);
       });

@@ -1,7 +1,7 @@
 // HttpServer: files over HTTP/1.1.
 //
-// It answers GET and HEAD, and takes no body. One thread serves all connections with poll(), so a
-// peer that stalls costs nothing but its connection.
+// It takes bodies of up to 1 MiB whose length is stated. One thread serves all connections with
+// poll(), so a peer that stalls costs nothing but its connection.
 #pragma once
 
 #include <cstdint>
@@ -22,6 +22,7 @@ struct Request {
   std::string method, path;  ///< the path as it was sent, without a query
   bool keeps = true;         ///< more requests may follow on the connection
   std::vector<std::pair<std::string, std::string>> headers;  ///< names in lower case
+  std::string body{};
 
   [[nodiscard]] std::size_t count(std::string_view name) const;
   /// The value of a header, the first one if there are several; empty if there is none.
@@ -54,7 +55,8 @@ struct Response {
 class HttpServer {
  public:
   static constexpr std::size_t kMaxConnections = 128;
-  using Answer = std::function<Response(const Request&)>;
+  /// Returns no response if it does not have one yet: the request is asked again within 10 ms.
+  using Answer = std::function<std::optional<Response>(const Request&)>;
 
   HttpServer() = default;
   HttpServer(const HttpServer&) = delete;

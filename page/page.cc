@@ -1,5 +1,6 @@
 #include "page/page.h"
 
+#include <algorithm>
 #include <vector>
 
 // The assembler includes the files unchanged. SLF_PAGE_FILES, which CMake writes, has a line
@@ -18,7 +19,10 @@
 
 namespace slf::page {
 
-std::span<const PageFile> page_files() {
+namespace {
+constexpr std::size_t kStudioFiles = 3;  // the last ones
+
+std::span<const PageFile> all_files() {
 #ifdef SLF_PAGE_FILES
   const auto file = [](std::string_view name, const char* begin, const char* end) {
     const std::string_view type = name.ends_with(".html")  ? "text/html; charset=utf-8"
@@ -37,6 +41,13 @@ std::span<const PageFile> page_files() {
   return {};
 #endif
 }
+}  // namespace
+
+std::span<const PageFile> page_files() {
+  const auto all = all_files();
+  return all.first(all.size() - std::min(all.size(), kStudioFiles));
+}
+std::span<const PageFile> studio_files() { return all_files().subspan(page_files().size()); }
 
 std::string no_page() {
   return "this slf was built without the page that shows fields, because clang could not make "

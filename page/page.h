@@ -17,6 +17,9 @@ struct PageFile {
 /// for lack of tools for WebAssembly or of esbuild.
 [[nodiscard]] std::span<const PageFile> page_files();
 
+/// Those of the studio, which exported pages do not have: studio.html, studio.css, studio.js.
+[[nodiscard]] std::span<const PageFile> studio_files();
+
 /// The error message of a program without a page: the reason, and what to do.
 [[nodiscard]] std::string no_page();
 

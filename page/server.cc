@@ -35,6 +35,9 @@ constexpr const char* kPolicy =
 /// Notebooks on this machine; http stands for https, too.
 constexpr const char* kFrames = "; frame-ancestors 'self' http://localhost:* http://127.0.0.1:*";
 
+/// The folder of what `ServerOptions::studio` answers.
+constexpr std::string_view kStudio = "/studio/";
+
 /// A file as requests see it.
 struct Content {
   std::uint64_t size;
@@ -138,15 +141,17 @@ std::string reachable_address(const std::string& address) {
   return found;
 }
 
-void answer_text(Response& response, int status, const std::string& text) {
+bool answer_text(Response& response, int status, const std::string& text) {
   response.status = status;
   response.set("Content-Type", "text/plain; charset=utf-8");
   response.body = {{text + "\n"}};
+  return true;
 }
 
-void redirect(Response& response, const std::string& where) {
+bool redirect(Response& response, std::string_view where) {
   response.status = 302;
   response.set("Location", where);
+  return true;
 }
 
 Content page_content(std::string_view bytes, std::string_view type, const std::string& tag) {
@@ -155,14 +160,14 @@ Content page_content(std::string_view bytes, std::string_view type, const std::s
           }};
 }
 
-void answer_content(const Request& request, Response& response, const Content& content) {
+bool answer_content(const Request& request, Response& response, const Content& content) {
   response.set("ETag", content.tag);
   response.set("Accept-Ranges", "bytes");
   if (request.count("if-match") > 0 && !contains_tag(request.header("if-match"), content.tag))
     return answer_text(response, 412, "The file has changed.");
   if (contains_tag(request.header("if-none-match"), content.tag)) {
     response.status = 304;
-    return;
+    return true;
   }
   const bool same = request.count("if-range") == 0 || request.header("if-range") == content.tag;
   const auto parts = select_ranges(same ? request.header("range") : "", content.size);
@@ -187,6 +192,7 @@ void answer_content(const Request& request, Response& response, const Content& c
                                part});
     response.body.push_back({"\r\n--slf-part--\r\n"});
   }
+  return true;
 }
 
 /// Whether a name of --allow-frames is an origin as policies write it.
@@ -213,13 +219,16 @@ struct Server::State {
   std::string frames = kFrames;
   std::string views, index;  // views.json, or empty; index.html
   bool any_host = false;
+  std::function<std::optional<Response>(const Request&, std::string_view)> studio;
 
-  [[nodiscard]] Response answer(const Request& request) const;
-  void answer_list(Response& response) const;
-  void choose(const Request& request, Response& response) const;
+  [[nodiscard]] std::optional<Response> answer(const Request& request) const;
+  bool answer_list(Response& response) const;
+  /// Whether there is an answer already.
+  bool choose(const Request& request, Response& response) const;
+  [[nodiscard]] Result<std::string> add(const std::string& path);
 };
 
-Response Server::State::answer(const Request& request) const {
+std::optional<Response> Server::State::answer(const Request& request) const {
   Response response;
   // Policies cannot name [::1], but a page there says where it is when it opens a frame.
   const std::string_view referer = request.header("referer");
@@ -230,19 +239,15 @@ Response Server::State::answer(const Request& request) const {
   response.set("X-Content-Type-Options", "nosniff");
   response.set("Referrer-Policy", "no-referrer");
   response.set("Cross-Origin-Resource-Policy", "same-origin");
-  choose(request, response);
+  if (!choose(request, response)) return std::nullopt;
   return response;
 }
 
-void Server::State::choose(const Request& request, Response& response) const {
+bool Server::State::choose(const Request& request, Response& response) const {
   if (!any_host && (request.count("host") != 1 || !is_loopback(request.header("host"))))
     return answer_text(response, 403,
                        "Host not allowed: this server answers only to 127.0.0.1, localhost and "
                        "[::1]. slf view --bind ADDRESS answers to any name.");
-  if (request.method != "GET" && request.method != "HEAD") {
-    response.set("Allow", "GET, HEAD");
-    return answer_text(response, 405, "Only GET and HEAD work here.");
-  }
   std::string_view path = request.path;
   // The token is in the path, because frames of other sites get no cookies.
   if (!begins_with_secret(path, root))
@@ -250,10 +255,21 @@ void Server::State::choose(const Request& request, Response& response) const {
                        "Not allowed: an address of this server begins with the token that slf view "
                        "or field.show() printed.");
   path.remove_prefix(root.size());
+  if (studio && path.starts_with(kStudio)) {
+    auto made = studio(request, path.substr(kStudio.size()));
+    if (!made) return false;
+    made->headers.insert(0, response.headers);
+    response = std::move(*made);
+    return true;
+  }
+  if (request.method != "GET" && request.method != "HEAD") {
+    response.set("Allow", "GET, HEAD");
+    return answer_text(response, 405, "Only GET and HEAD work here.");
+  }
   if (path.empty()) return redirect(response, root.substr(1) + "/");
   if (path == "/") {
-    if (fields.size() > 1) return answer_list(response);
-    return redirect(response, fields[0].name + "/");
+    if (fields.size() > 1 && !studio) return answer_list(response);
+    return redirect(response, studio ? kStudio.substr(1) : fields[0].name + "/");
   }
   for (const ServedField& field : fields) {
     const std::string folder = "/" + field.name;
@@ -275,10 +291,10 @@ void Server::State::choose(const Request& request, Response& response) const {
           page_content(is_index ? std::string_view(index) : file.bytes, file.type, tag));
     }
   }
-  answer_text(response, 404, "Not here. The fields are listed right behind the token.");
+  return answer_text(response, 404, "Not here. The fields are listed right behind the token.");
 }
 
-void Server::State::answer_list(Response& response) const {
+bool Server::State::answer_list(Response& response) const {
   std::string html =
       "<!doctype html><html lang=\"en\"><meta "
       "charset=\"utf-8\"><title>Fields</title><h1>Fields</h1><ul>";
@@ -286,6 +302,18 @@ void Server::State::answer_list(Response& response) const {
     html += "<li><a href=\"" + field.name + "/\">" + field.name + "</a></li>";
   response.set("Content-Type", "text/html; charset=utf-8");
   response.body = {{html + "</ul></html>"}};
+  return true;
+}
+
+Result<std::string> Server::State::add(const std::string& path) {
+  SLF_TRY(Field::open(path));
+  const std::string name = folder_name(path);
+  ServedField field{name, path};
+  for (int copy = 2; std::ranges::any_of(
+           fields, [&](const ServedField& other) { return other.name == field.name; });
+       ++copy)
+    field.name = name + "-" + std::to_string(copy);
+  return fields.emplace_back(std::move(field)).name;
 }
 
 Server::Server(std::unique_ptr<State> state) : state_(std::move(state)) {}
@@ -296,28 +324,24 @@ Server::~Server() = default;
 const std::string& Server::url() const { return state_->url; }
 
 Result<Server> Server::make(std::span<const std::string> fields, const ServerOptions& options) {
-  if (fields.empty()) return fail(ErrorCode::usage, "view: name at least one field");
+  if (fields.empty() && !options.studio)
+    return fail(ErrorCode::usage, "view: name at least one field");
   auto state = std::make_unique<State>();
-  for (const std::string& path : fields) {
-    SLF_TRY(Field::open(path));
-    const std::string name = folder_name(path);
-    ServedField field{name, path};
-    for (int copy = 2; std::ranges::any_of(
-             state->fields, [&](const ServedField& other) { return other.name == field.name; });
-         ++copy)
-      field.name = name + "-" + std::to_string(copy);
-    state->fields.push_back(std::move(field));
-  }
+  for (const std::string& path : fields) SLF_TRY(state->add(path));
   const First& first = options.first;
   if (fields.size() > 1 &&
       !(options.views.text.empty() && first.state.empty() && first.structures.empty()))
     return fail(ErrorCode::usage,
                 "views, a state and structures to show first are of one field, but ", fields.size(),
                 " are given");
-  const auto field = SLF_TRY(Field::open(fields[0]));
-  auto views = SLF_TRY(parse_views(options.views, field.shape().sphere));
-  SLF_TRY(begin_with(first, field, views));
+  Views views;
+  if (!fields.empty()) {
+    const auto field = SLF_TRY(Field::open(fields[0]));
+    views = SLF_TRY(parse_views(options.views, field.shape().sphere));
+    SLF_TRY(begin_with(first, field, views));
+  }
   state->views = views.json;
+  state->studio = options.studio;
   state->index = page_with("src=\"field.slf\" own" + views.attributes +
                                (views.json.empty() ? "" : " views=\"views.json\""),
                            "");
@@ -340,6 +364,8 @@ Result<Server> Server::make(std::span<const std::string> fields, const ServerOpt
                state->root + "/" + (fields.size() == 1 ? state->fields[0].name + "/" : "");
   return Server(std::move(state));
 }
+
+Result<std::string> Server::add(const std::string& field) { return state_->add(field); }
 
 Result<void> Server::run(const std::function<bool()>& stop) {
   return state_->http.run([this](const Request& request) { return state_->answer(request); }, stop);

@@ -8,10 +8,12 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
 
+#include "page/http.h"
 #include "page/views.h"
 #include "slf/error.h"
 
@@ -31,6 +33,9 @@ struct ServerOptions {
   std::vector<std::string> frames{};
   ViewsFile views{};  ///< that the page of the only field shows; may be none
   First first{};      ///< what the page of the only field shows first
+  /// Answers requests in a folder of its own, /TOKEN/studio/, by the rest of their path; none: not
+  /// yet. Fields may then be none.
+  std::function<std::optional<Response>(const Request&, std::string_view rest)> studio{};
 };
 
 /// Answers GET and HEAD, with ranges, entity tags and conditional requests. Requests are untrusted.
@@ -49,6 +54,10 @@ class Server {
   /// The address of the page, "http://127.0.0.1:PORT/TOKEN/NAME/", or of a list if there are
   /// fields. A server that listens on all addresses gives one of this machine in its network.
   [[nodiscard]] const std::string& url() const;
+
+  /// Adds a field, and returns its folder. Only on the thread of run(), in answers. Errors as
+  /// make().
+  [[nodiscard]] Result<std::string> add(const std::string& field);
 
   /// Serves until `stop` returns true; it is called about ten times a second. failed: the server
   /// ended unexpectedly.

@@ -1,6 +1,6 @@
 // Lets mouse, touch, pen and keys move the camera.
 
-import {calm} from './viewer.js';
+import {calm} from './media.js';
 
 const kTurn = 180;   // degrees for a drag across the smaller side of the picture
 const kStep = 6;     // degrees for one press of a key

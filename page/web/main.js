@@ -11,7 +11,8 @@ import {ownColors, StructureList} from './list.js';
 import {kMarkup, kStyle, make} from './look.js';
 import {embeddedSource, fileSource, HttpSource} from './source.js';
 import {joined, looksOf, split, textsOf} from './structures.js';
-import {media, sleep, Viewer} from './viewer.js';
+import {media, sleep} from './media.js';
+import {Viewer} from './viewer.js';
 import {serve} from './worker.js';
 import workerScript from 'worker-script';  // worker.js as the build bundles it
 

@@ -6,6 +6,7 @@
 import {add, Camera, dot} from './camera.js';
 import {Field} from './field.js';
 import {Loader} from './loader.js';
+import {calm, sleep} from './media.js';
 import {Renderer} from './renderer.js';
 import {layersOf, looksOf} from './structures.js';
 
@@ -22,11 +23,6 @@ const kSmall = 1 << 20;        // bytes: a level 0 of at most this size is loade
 const kTiny = 128 << 10;       // and of at most this size first of all
 const kMaxSmall = 4096;        // tiles of level 0 that may be loaded whole
 const kFlight = 1200;          // milliseconds that the camera takes from one view to another
-
-// What a media query says; in Node, which may import this, nothing matches.
-export const media = (query) => globalThis.matchMedia?.(query) ?? {matches: false};
-export const calm = media('(prefers-reduced-motion: reduce)');
-export const sleep = (ms) => new Promise((done) => setTimeout(done, ms));
 
 export class Viewer {
   // All work ends when `signal` is aborted. `on` has functions: shown() after each picture,

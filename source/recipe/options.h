@@ -88,6 +88,9 @@ struct Option {
 /// The value as parse() reads it.
 [[nodiscard]] std::string text_of(const Type& type, const nlohmann::json& value);
 
+/// Whether the text of an option of Form::file names one, and not something built in.
+[[nodiscard]] bool names_file(std::string_view option, const std::string& text);
+
 /// Sets an option of the recipe, and notes it as stated. Text stands for what parse() makes of it,
 /// null for its default, and a relative path is one from `folder`. usage: no such option, another
 /// type of value, or out of range; the message and Error::choice name it.

@@ -200,14 +200,7 @@ json normal(const Type& type, const json& value) {
 /// A path of a recipe in `folder`. Names of what is built in stay.
 std::string from_folder(const std::string& option, const std::string& path,
                         const std::string& folder) {
-  if (folder.empty() || path.empty() || path.starts_with('{')) return path;
-  const bool built_in =
-      option == "transfer" ? transfer_file(path).empty()
-      : option == "light_rig"
-          ? std::ranges::find(built_in_rigs(), path, &LightRig::name) != built_in_rigs().end()
-      : option == "depth_cache" ? path == "none"
-                                : path.starts_with(kScenePrefix);
-  if (built_in) return path;
+  if (folder.empty() || !names_file(option, path)) return path;
   const std::size_t prefix = path.starts_with(kPicturesPrefix) ? kPicturesPrefix.size() : 0;
   return path.substr(0, prefix) + (std::filesystem::path(folder) / path.substr(prefix)).string();
 }
@@ -236,6 +229,15 @@ Kind kind_of(const Recipe& recipe) {
   if (recipe.input.starts_with(kScenePrefix)) return kAnalytic;
   if (recipe.is_pictures()) return kPictures;
   return is_mesh_name(recipe.input) ? kMesh : kVolume;
+}
+
+bool names_file(std::string_view option, const std::string& text) {
+  if (text.empty() || text.starts_with('{')) return false;
+  const auto& rigs = built_in_rigs();
+  return option == "transfer"      ? !transfer_file(text).empty()
+         : option == "light_rig"   ? std::ranges::find(rigs, text, &LightRig::name) == rigs.end()
+         : option == "depth_cache" ? text != "none"
+                                   : !text.starts_with(kScenePrefix);
 }
 
 Result<json> parse(const Type& type, const std::string& text) {

@@ -1,0 +1,485 @@
+#include "page/studio/studio.h"
+
+#include <atomic>
+#include <chrono>
+#include <cmath>
+#include <filesystem>
+#include <mutex>
+#include <nlohmann/json.hpp>
+#include <thread>
+
+#include "base/file.h"
+#include "base/guarded.h"
+#include "base/join.h"
+#include "base/nesting.h"
+#include "base/try.h"
+#include "page/page.h"
+#include "page/studio/caster.h"
+#include "slf/build.h"
+#include "slf/transfer.h"
+#include "source/recipe/options.h"
+#include "source/volume/voxels.h"
+
+namespace slf::page {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::json;
+using Clock = std::chrono::steady_clock;
+
+constexpr std::size_t kBins = 256;
+constexpr std::uint32_t kMaxSide = 4096;  // of pictures
+constexpr std::chrono::seconds kDraftEvery(1);
+
+/// What the recipe states, with paths relative to a folder.
+json with_paths(const Recipe& recipe, const fs::path& folder) {
+  json out = json::object();
+  for (const recipe::Option& option : recipe::options()) {
+    if (!recipe.stated.contains(option.name)) continue;
+    json value = option.get(recipe);
+    if (value.is_null()) continue;
+    const std::string text = value.is_string() ? value.get<std::string>() : "";
+    if (option.type.form == recipe::Type::Form::file && recipe::names_file(option.name, text)) {
+      const std::size_t prefix = recipe.is_pictures() && option.name == std::string_view("input")
+                                     ? recipe::kPicturesPrefix.size()
+                                     : 0;
+      value = text.substr(0, prefix) +
+              fs::proximate(fs::absolute(text.substr(prefix)), folder).string();
+    }
+    out[option.name] = std::move(value);
+  }
+  return out;
+}
+
+Response text(int status, std::string_view type, std::string body) {
+  Response response;
+  response.status = status;
+  response.set("Content-Type", type);
+  response.body = {{std::move(body)}};
+  return response;
+}
+Response reply(const json& value, int status = 200) {
+  return text(status, "application/json",
+              value.dump(-1, ' ', false, json::error_handler_t::replace));
+}
+Response refusal(const std::string& message, int status = 422) {
+  return reply({{"error", message}}, status);
+}
+
+/// How many voxels have which value: counts of kBins equal steps, with their ends.
+json histogram_of(const Volume& volume) {
+  const auto [low, high] = volume.value_range();
+  std::vector<std::uint64_t> counts(kBins);
+  const double scale = high > low ? kBins / (high - low) : 0;
+  visit_voxels(volume, [&](auto stored) {
+    const std::size_t step = 1 + stored.size() / (1 << 22);
+    for (std::size_t i = 0; i < stored.size(); i += step) {
+      const double value = volume.slope * static_cast<double>(stored[i]) + volume.intercept;
+      if (!std::isfinite(value)) continue;
+      ++counts[std::min(kBins - 1, static_cast<std::size_t>((value - low) * scale))];
+    }
+  });
+  return {{"low", low}, {"high", high}, {"counts", counts}};
+}
+
+json value_at(const Volume& volume, const glm::dvec3& world) {
+  const glm::dvec3 at = glm::round(glm::inverse(volume.axes) * (world - volume.origin));
+  for (int k = 0; k < 3; ++k)
+    if (!(at[k] >= 0 && at[k] < volume.dims[static_cast<std::size_t>(k)])) return {};
+  const std::uint64_t index =
+      static_cast<std::uint64_t>(at.x) +
+      volume.dims[0] * (static_cast<std::uint64_t>(at.y) +
+                        std::uint64_t{volume.dims[1]} * static_cast<std::uint64_t>(at.z));
+  return visit_voxels(volume, [&](auto stored) {
+    return volume.slope * static_cast<double>(stored[index]) + volume.intercept;
+  });
+}
+
+template <std::size_t N>
+std::optional<std::array<double, N>> numbers(const json& from, const char* name) {
+  const auto found = from.find(name);
+  std::array<double, N> out;
+  if (found == from.end() || !found->is_array() || found->size() != N) return std::nullopt;
+  for (std::size_t k = 0; k < N; ++k) {
+    if (!(*found)[k].is_number()) return std::nullopt;
+    out[k] = (*found)[k].template get<double>();
+    if (!std::isfinite(out[k])) return std::nullopt;
+  }
+  return out;
+}
+
+std::optional<Look> look_of(const json& from) {
+  Look look;
+  const auto orbit = numbers<6>(from, "orbit");
+  const auto size = numbers<2>(from, "size");
+  if (!orbit || !size || !((*orbit)[2] > 0 && (*orbit)[2] <= kMaxOrbit)) return std::nullopt;
+  for (const double side : *size)
+    if (!(side >= 1 && side <= kMaxSide)) return std::nullopt;
+  look.orbit = *orbit;
+  look.width = static_cast<std::uint32_t>((*size)[0]);
+  look.height = static_cast<std::uint32_t>((*size)[1]);
+  if (const auto sphere = numbers<4>(from, "sphere"); sphere && (*sphere)[3] > 0)
+    look.sphere = {{(*sphere)[0], (*sphere)[1], (*sphere)[2]}, (*sphere)[3]};
+  look.serial = from.value("serial", std::uint64_t{1});
+  look.moving = from.value("moving", false);
+  return look;
+}
+
+}  // namespace
+
+struct Studio::State {
+  State(Recipe recipe, StudioOptions given)
+      : base(std::move(recipe)), options(std::move(given)), caster(options.threads) {}
+  ~State() {
+    stop = true;
+    if (builder.joinable()) builder.join();
+    if (!kept) (void)keep();
+  }
+
+  /// The recipe of this JSON: what the page states, of the input that it is given.
+  Result<Recipe> parse(const json& stated) const {
+    if (!stated.is_object()) return fail(ErrorCode::usage, "expected an object");
+    Recipe made;
+    made.input = base.input;
+    made.volume = base.volume;
+    made.stated.insert("input");
+    for (const auto& [name, value] : stated.items()) {
+      const recipe::Option* const option = recipe::find(name);
+      // A page changes no file but those that the maker named when the studio began.
+      if (option && option->type.form == recipe::Type::Form::file && value.is_string() &&
+          recipe::names_file(name, value.get<std::string>()) && first.value(name, json()) != value)
+        return fail(ErrorCode::usage, name, ": files are named on the command line");
+      SLF_TRY(recipe::set(made, name, value));
+    }
+    SLF_TRY(recipe::check_applies(made));
+    return made;
+  }
+
+  Result<void> show(const json& stated) {
+    auto made = SLF_TRY(parse(stated));
+    shown = stated;
+    revision = caster.show(std::move(made));
+    return {};
+  }
+
+  /// Writes the draft.
+  Result<void> keep() {
+    kept = true;
+    kept_at = Clock::now();
+    const json draft{{"recipe", document}, {"shown", shown}, {"views", views}};
+    return write_file(draft_path, bytes_of(draft.dump()));
+  }
+
+  Result<void> save();
+  void build(bool replace);
+  json progress();
+  json state();
+  std::optional<Response> picture(const json& body);
+  Response point(const json& body);
+  std::optional<Response> preset(std::string_view number);
+  Response presets(const json& body);
+  std::optional<Response> act(const Request& request, std::string_view rest);
+
+  const Recipe base;
+  const StudioOptions options;
+  json first;            ///< what was stated when the studio began
+  json document, shown;  ///< the recipe, with states; and what is shown of it
+  json views = json::array();
+  std::string recipe_path, views_path, draft_path;
+  bool owns_recipe = false;  ///< whether this studio, or one before it, wrote it
+  bool kept = true, restored = false;
+  Clock::time_point kept_at{};
+  std::uint64_t revision = 0;
+  std::vector<TransferPreset> known;
+  std::vector<std::string> fitted;  ///< JSON of presets for this volume
+  json histogram;
+  std::shared_ptr<const Volume> measured;  ///< that `histogram` and `fitted` are of
+
+  std::mutex mutex;
+  Progress done;  ///< guarded, as down to `outcome`
+  Clock::time_point begun{};
+  std::optional<Result<BuildReport>> outcome;
+  std::atomic<bool> stop = false;
+  bool building = false;
+  std::string folder;  ///< of the field that was built
+  std::thread builder;
+  Caster caster;
+};
+
+/// Writes the recipe with paths that are relative to it.
+Result<void> Studio::State::save() {
+  std::error_code ignored;
+  if (!owns_recipe && fs::exists(recipe_path, ignored))
+    return fail(ErrorCode::usage, recipe_path,
+                ": exists, and was not saved by this studio; name another by --save");
+  const fs::path where = fs::absolute(recipe_path).parent_path();
+  json stated = document;
+  const json states = stated.value("states", json());
+  stated.erase("states");
+  json out = with_paths(SLF_TRY(parse(stated)), where);
+  if (!states.is_null()) out["states"] = states;
+  SLF_TRY(write_file(recipe_path, bytes_of(out.dump(2) + "\n")));
+  owns_recipe = true;
+  if (!views.empty())
+    SLF_TRY(write_file(views_path, bytes_of(json{{"views", views}}.dump(2) + "\n")));
+  fs::remove(draft_path, ignored);
+  kept = true;
+  return {};
+}
+
+void Studio::State::build(bool replace) {
+  stop = false;
+  building = true;
+  {
+    const std::lock_guard lock(mutex);
+    outcome.reset();
+    done = {};
+    begun = Clock::now();
+  }
+  caster.pause(true);
+  if (builder.joinable()) builder.join();
+  builder = std::thread([this, replace] {
+    const auto on_progress = [this](const Progress& progress) {
+      const std::lock_guard lock(mutex);
+      done = progress;
+      return !stop;
+    };
+    auto built = guarded([&]() -> Result<BuildReport> {
+      Recipe recipe;
+      recipe.input = recipe_path;
+      SLF_TRY(read_recipe(recipe_path, recipe));
+      recipe.light_volume.threads = recipe.field.threads = options.threads;
+      recipe.light_volume.progress = on_progress;
+      const auto scenes = SLF_TRY(make_scenes(recipe));
+      const auto states = field_states(scenes);
+      BuildOptions field = recipe.field;
+      field.shape.sphere = field_sphere(recipe, states);
+      field.replace = replace;
+      return build_field(states, options.output, field, on_progress);
+    });
+    const std::lock_guard lock(mutex);
+    outcome = std::move(built);
+  });
+}
+
+json Studio::State::progress() {
+  if (!building) return nullptr;
+  const std::lock_guard lock(mutex);
+  json out{{"done", done.done - done.skipped},
+           {"total", done.total - done.skipped},
+           {"seconds", std::chrono::duration<double>(Clock::now() - begun).count()}};
+  if (!outcome) return out;
+  if (*outcome && folder.empty()) {
+    auto added = options.show(options.output);
+    if (added) folder = *added;
+  }
+  if (!*outcome)
+    out["error"] = outcome->error().message;
+  else
+    out["field"] = folder;
+  caster.pause(false);
+  return out;
+}
+
+json Studio::State::state() {
+  const auto volume = caster.volume();
+  if (volume && measured != volume && !volume->labels) {
+    measured = volume;
+    histogram = histogram_of(*volume);
+    fitted.clear();
+    known.assign(built_in_transfers().begin(), built_in_transfers().end());
+  }
+  json all{{"name", fs::path(base.input).filename().string()},
+           {"kind", recipe::kind_of(base)},
+           {"revision", revision},
+           {"recipe", document},
+           {"shown", shown},
+           {"views", views},
+           {"restored", restored},
+           {"notes", caster.notes()},
+           {"output", options.output},
+           {"save", recipe_path},
+           {"saved", owns_recipe && kept && !fs::exists(draft_path)},
+           {"build", progress()}};
+  if (!volume) return all;
+  all["unit"] = volume->unit;
+  all["patient"] = volume->patient_axes;
+  const glm::dvec3 size =
+      volume->axes * (glm::dvec3(volume->dims[0], volume->dims[1], volume->dims[2]) - 1.0);
+  all["box"] = {volume->origin.x, volume->origin.y, volume->origin.z, size.x, size.y, size.z};
+  if (volume->labels) {
+    json labels = json::array();
+    for (const std::int64_t id : label_ids(*volume)) {
+      const auto style = volume->label_styles.find(id);
+      if (id != 0)
+        labels.push_back({{"id", id},
+                          {"name", style == volume->label_styles.end() || style->second.name.empty()
+                                       ? std::to_string(id)
+                                       : style->second.name}});
+    }
+    all["labels"] = std::move(labels);
+    return all;
+  }
+  all["histogram"] = histogram;
+  if (fitted.empty())
+    for (const TransferPreset& preset : known) fitted.push_back(to_json(preset.fit(*volume)));
+  json presets = json::array();
+  for (std::size_t k = 0; k < known.size(); ++k)
+    presets.push_back({{"name", known[k].function.name},
+                       {"description", known[k].description},
+                       {"function", json::parse(fitted[k])}});
+  all["presets"] = std::move(presets);
+  auto recipe = parse(shown);
+  const std::string transfer = recipe ? recipe->transfer : "";
+  const auto preset =
+      transfer.empty()
+          ? Result<TransferPreset>(TransferPreset{.function = default_transfer(*volume)})
+          : read_transfer(transfer);
+  if (preset)
+    all["function"] = json::parse(
+        to_json(transfer.empty() ? preset->function : preset->fit(*volume, recipe->range)));
+  return all;
+}
+
+std::optional<Response> Studio::State::picture(const json& body) {
+  const auto look = look_of(body);
+  if (!look) return refusal("a camera was expected", 400);
+  const auto seen = static_cast<Stage>(std::clamp(body.value("seen", 0), 0, 4));
+  const auto drawn = caster.picture(body.value("page", std::uint64_t{0}), *look, seen);
+  if (!drawn) return std::nullopt;
+  if (!drawn->error.empty()) return refusal(drawn->error);
+  if (drawn->bytes.empty()) return text(204, "text/plain", "");
+  Response response = text(200, drawn->png ? "image/png" : "image/jpeg", drawn->bytes);
+  const Sphere& sphere = drawn->sphere;
+  response.set("Slf-Stage", std::to_string(static_cast<int>(drawn->stage)));
+  response.set("Slf-Last", drawn->last ? "1" : "0");
+  response.set("Slf-Revision", std::to_string(drawn->revision));
+  response.set("Slf-Sphere",
+               json{sphere.center.x, sphere.center.y, sphere.center.z, sphere.radius}.dump());
+  return response;
+}
+
+Response Studio::State::point(const json& body) {
+  const auto look = look_of(body);
+  const auto at = numbers<2>(body, "at");
+  if (!look || !at) return refusal("a camera and a pixel were expected", 400);
+  const auto world = caster.meet(*look, (*at)[0], (*at)[1]);
+  if (!world) return reply(json::object());
+  json out{{"position", {world->x, world->y, world->z}}};
+  if (const auto volume = caster.volume()) out["value"] = value_at(*volume, *world);
+  return reply(out);
+}
+
+std::optional<Response> Studio::State::preset(std::string_view number) {
+  std::size_t k = 0;
+  for (const char c : number)
+    k = c >= '0' && c <= '9' && k < 1000 ? 10 * k + (c - '0') : fitted.size();
+  if (number.empty() || k >= fitted.size()) return refusal("no such preset", 404);
+  const auto drawn = caster.thumbnail(fitted[k]);
+  if (!drawn) return std::nullopt;
+  if (drawn->bytes.empty()) return refusal(drawn->error, 404);
+  return text(200, "image/jpeg", drawn->bytes);
+}
+
+Response Studio::State::presets(const json& body) {
+  if (!measured) return refusal("the volume has no values to colour");
+  auto read = parse_transfers(body.value("text", ""), body.value("name", "the file"));
+  if (!read) return refusal(read.error().message);
+  for (TransferPreset& preset : *read) {
+    fitted.push_back(to_json(preset.fit(*measured)));
+    known.push_back(std::move(preset));
+  }
+  return reply({{"first", known.size() - read->size()}});
+}
+
+std::optional<Response> Studio::State::act(const Request& request, std::string_view rest) {
+  const json body = request.body.empty()
+                        ? json::object()
+                        : json::parse(request.body, limit_nesting, /*allow_exceptions=*/false);
+  if (!body.is_object()) return refusal("JSON was expected", 400);
+  if (rest == "look") return picture(body);
+  if (rest == "point") return point(body);
+  if (rest == "presets") return presets(body);
+  if (rest == "stop") {
+    stop = true;
+    return reply(json::object());
+  }
+  if (rest == "recipe") {
+    if (body.value("revision", std::uint64_t{0}) != revision)
+      return refusal("the recipe was changed on another page", 409);
+    if (const auto done_so = show(body.value("shown", json())); !done_so)
+      return refusal(done_so.error().message);
+    document = body.value("recipe", shown);
+    views = body.value("views", views);
+    kept = false;
+    if (Clock::now() - kept_at > kDraftEvery)
+      if (const auto written = keep(); !written) return refusal(written.error().message);
+    return reply({{"revision", revision}});
+  }
+  if (rest == "save" || rest == "build") {
+    const bool running = building && [&] {
+      const std::lock_guard lock(mutex);
+      return !outcome;
+    }();
+    if (rest == "build" && running) return refusal("the build is running already", 409);
+    if (const auto saved = save(); !saved) return refusal(saved.error().message);
+    if (rest == "build") build(body.value("replace", false));
+    return reply({{"save", recipe_path},
+                  {"command", concat("slf build ", recipe_path, " -o ", options.output)}});
+  }
+  return refusal("not here", 404);
+}
+
+Studio::Studio(std::unique_ptr<State> state) : state_(std::move(state)) {}
+Studio::~Studio() = default;
+
+Result<std::unique_ptr<Studio>> Studio::make(Recipe recipe, StudioOptions options) {
+  auto state = std::make_unique<State>(std::move(recipe), std::move(options));
+  State& s = *state;
+  const fs::path output = s.options.output;
+  const fs::path stem = output.parent_path() / output.stem();
+  s.recipe_path = s.options.save.empty() ? stem.string() + ".recipe.json" : s.options.save;
+  s.views_path = stem.string() + ".views.json";
+  s.draft_path = s.recipe_path + ".draft";
+  for (const recipe::Option& option : recipe::options())
+    if (s.base.stated.contains(option.name) && option.name != std::string_view("input"))
+      s.first[option.name] = option.get(s.base);
+  if (s.first.is_null()) s.first = json::object();
+  s.document = s.shown = s.first;
+  for (const RecipeState& given : s.base.states) {
+    json one = json::parse(given.options);
+    one["name"] = given.name;
+    if (!given.light_from.empty()) one["light_from"] = given.light_from;
+    s.document["states"].push_back(std::move(one));
+  }
+  std::error_code ignored;
+  if (fs::is_regular_file(s.draft_path, ignored)) {
+    const auto bytes = SLF_TRY(read_file(s.draft_path, 16 << 20));
+    const json draft = json::parse(chars_of(bytes), nullptr, /*allow_exceptions=*/false);
+    if (draft.is_object() && s.show(draft.value("shown", json()))) {
+      s.document = draft.value("recipe", s.shown);
+      s.views = draft.value("views", json::array());
+      s.restored = s.owns_recipe = true;
+    }
+  }
+  if (s.revision == 0) SLF_TRY(s.show(s.first));
+  return std::unique_ptr<Studio>(new Studio(std::move(state)));
+}
+
+std::optional<Response> Studio::answer(const Request& request, std::string_view rest) {
+  auto made = guarded([&]() -> Result<std::optional<Response>> {
+    if (request.method == "POST") return state_->act(request, rest);
+    if (request.method != "GET" && request.method != "HEAD")
+      return refusal("only GET, HEAD and POST work here", 405);
+    if (rest == "state") return reply(state_->state());
+    if (rest.starts_with("preset/")) return state_->preset(rest.substr(7));
+    for (const PageFile& file : studio_files())
+      if (rest == file.name || (rest.empty() && file.name == "studio.html"))
+        return text(200, file.type, std::string(file.bytes));
+    return refusal("not here", 404);
+  });
+  if (!made) return refusal(made.error().message, 500);
+  return std::move(*made);
+}
+
+}  // namespace slf::page

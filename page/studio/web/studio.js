@@ -1,0 +1,548 @@
+// The studio: shows what a recipe makes while it is changed, and saves and builds it. All pictures
+// come from the server (page/studio/studio.h).
+
+import {add, Camera, dot} from '../../web/camera.js';
+import {attach} from '../../web/controls.js';
+import {sleep} from '../../web/media.js';
+import {Curve} from './curve.js';
+
+const kRest = 160;      // milliseconds without a change after which nothing moves
+const kDirect = 2;      // of Stage in caster.h
+const kMaxUndo = 200;
+
+const byId = (id) => document.getElementById(id);
+const make = (tag, members = {}, ...children) => {
+  const made = Object.assign(document.createElement(tag), members);
+  made.append(...children);
+  return made;
+};
+const picture = byId('picture'), pen = picture.getContext('2d');
+const page = crypto.getRandomValues(new Uint32Array(1))[0];
+const camera = new Camera(location.hash.slice(1));
+
+let state;              // what the server told
+let recipe = {};        // without states
+let states = [];        // {name, options}
+let views = [];
+let current = -1;       // the state that is shown and edited; -1: the recipe itself
+let history = [], future = [];
+let sphere = [0, 0, 0, 0];
+let serial = 0, shown = {serial: 0, stage: 0};
+let movedAt = 0, waiting;
+
+// ---- the server ---------------------------------------------------------------------------------
+
+function say(text, wrong = false) {
+  byId('status').textContent = text;
+  byId('status').classList.toggle('wrong', wrong);
+}
+async function post(what, body = {}, signal) {
+  const answer = await fetch(what, {method: 'POST', body: JSON.stringify(body), signal});
+  if (answer.ok) return answer;
+  const {error} = await answer.json().catch(() => ({error: `the server answered ${answer.status}`}));
+  throw Object.assign(new Error(error), {status: answer.status});
+}
+const lost = 'The server does not answer. What you made is kept beside the output; start slf view again.';
+
+// ---- the recipe ---------------------------------------------------------------------------------
+
+const options = () => current < 0 ? recipe : states[current];
+const merged = () => {
+  const {name, light_from: light, ...own} = current < 0 ? {} : states[current];
+  return {...recipe, ...own};
+};
+const whole = () => states.length > 0 ? {...recipe, states} : recipe;
+const snapshot = () => JSON.stringify({recipe, states, views, current});
+
+// Sets an option of what is edited; undefined: its default.
+function set(name, value, moving = false) {
+  if (!moving || history.at(-1)?.moving !== name) remember(moving ? name : undefined);
+  const to = options();
+  if (value === undefined && current < 0) delete to[name];
+  else to[name] = value ?? null;
+  changed(moving);
+}
+function remember(moving) {
+  history.push({text: snapshot(), moving});
+  history.splice(0, history.length - kMaxUndo);
+  future = [];
+}
+function restore(from, to) {
+  const last = from.pop();
+  if (!last) return;
+  to.push({text: snapshot()});
+  ({recipe, states, views, current} = JSON.parse(last.text));
+  changed();
+  refresh();
+}
+
+// Sends the recipe. While one is on its way, only the newest waits.
+let sending = false, unsent = false;
+async function changed(moving = false) {
+  if (moving) movedAt = performance.now();
+  unsent = true;
+  if (sending) return;
+  sending = true;
+  while (unsent) {
+    unsent = false;
+    try {
+      const answer = await post('recipe', {revision: state.revision, shown: merged(), recipe: whole(),
+                                           views});
+      state.revision = (await answer.json()).revision;
+      if (byId('status').classList.contains('wrong')) say('');
+      again();
+    } catch (error) {
+      if (error.status === 409) return location.reload();
+      say(error.status ? error.message : lost, true);
+    }
+  }
+  sending = false;
+  byId('copy').disabled = true;
+}
+
+// ---- pictures -----------------------------------------------------------------------------------
+
+function again() {
+  ++serial;
+  if (!waiting?.moving) waiting?.abort();
+}
+function turned() {
+  movedAt = performance.now();
+  again();
+}
+const sizes = () => {
+  const scale = Math.min(devicePixelRatio, 2);
+  return [picture.clientWidth, picture.clientHeight].map((side) => Math.max(1, Math.round(side * scale)));
+};
+const look = (moving) => ({
+  page, serial, moving, sphere, size: sizes(), seen: shown.serial === serial ? shown.stage : 0,
+  orbit: [camera.azimuth, camera.elevation, camera.distance, ...camera.target]});
+
+// Shows pictures of the newest look, better and better, for ever.
+async function draw() {
+  for (let last = 0, complete = false, then = performance.now();; ) {
+    const now = performance.now();
+    if (camera.advance(Math.min(0.1, (now - then) / 1000))) turned();
+    then = now;
+    const moving = now - movedAt < kRest;
+    if (last === serial && complete) {
+      await sleep(8);
+      continue;
+    }
+    if (last !== serial) complete = false;
+    last = serial;
+    waiting = Object.assign(new AbortController(), {moving});
+    try {
+      const answer = await post('look', look(moving), waiting.signal);
+      if (answer.status === 204) continue;
+      const header = (name) => answer.headers.get('Slf-' + name);
+      const bitmap = await createImageBitmap(await answer.blob());
+      if (picture.width !== bitmap.width || picture.height !== bitmap.height)
+        Object.assign(picture, {width: bitmap.width, height: bitmap.height});
+      pen.drawImage(bitmap, 0, 0);
+      shown = {serial: last, stage: Number(header('Stage')), bitmap};
+      place(JSON.parse(header('Sphere')));
+      complete = header('Last') === '1';
+      if (byId('status').classList.contains('wrong')) say('');
+      if (complete && moving) {  // it may rest now
+        complete = false;
+        ++serial;
+      }
+      globalThis.studio.pictures.push({...shown, bitmap: undefined, width: bitmap.width, moving,
+                                       last: header('Last') === '1', at: performance.now()});
+      if (shown.stage >= kDirect && !state.box) await load();
+      showHandle();
+    } catch (error) {
+      if (error.name === 'AbortError') continue;
+      say(error.status ? error.message : lost, true);
+      complete = true;
+      if (!error.status) await sleep(1000).then(() => { complete = false; });
+    }
+  }
+}
+// The camera stays where it is while the sphere, which its numbers refer to, changes.
+function place(next) {
+  if (sphere[3] > 0 && next.some((v, i) => v !== sphere[i])) {
+    const scale = sphere[3] / next[3];
+    camera.distance *= scale;
+    camera.target = camera.target.map((t, i) => (t * sphere[3] + sphere[i] - next[i]) / next[3]);
+  }
+  sphere = next;
+}
+
+// ---- what is under the pointer ---------------------------------------------------------------------
+
+let pointing = false;
+picture.addEventListener('pointermove', async (event) => {
+  if (pointing || event.buttons || !shown.serial) return;
+  pointing = true;
+  const at = [event.offsetX / picture.clientWidth, event.offsetY / picture.clientHeight];
+  const found = await post('point', {...look(false), at}).then((a) => a.json()).catch(() => ({}));
+  const n = (v) => Number(v.toPrecision(4));
+  byId('under').textContent = !found.position ? ''
+    : (found.value === undefined || found.value === null ? '' : `${n(found.value)} at `) +
+      `${found.position.map(n).join(', ')} ${state.unit ?? ''}`;
+  await sleep(60);
+  pointing = false;
+});
+
+// ---- the panel --------------------------------------------------------------------------------------
+
+const curve = new Curve(byId('curve'), byId('points'), byId('add'), (fn, moving) => {
+  set('transfer', fn, moving);
+  showEnds();
+});
+function showEnds() {
+  const n = (v) => Number(v.toPrecision(5));
+  byId('ends').replaceChildren(make('span', {textContent: n(curve.low)}),
+                               make('span', {textContent: `${n(curve.high)} ${state.valueUnit ?? ''}`}));
+  byId('low').value = n(curve.points[0].value);
+  byId('high').value = n(curve.points.at(-1).value);
+}
+for (const id of ['low', 'high'])
+  byId(id).onchange = () => {
+    const low = Number(byId('low').value), high = Number(byId('high').value);
+    if (low < high) curve.stretch(low, high);
+    showEnds();
+  };
+
+function showPresets() {
+  byId('presets').replaceChildren(...(state.presets ?? []).map(({name, description, function: fn}, k) => {
+    const button = make('button', {title: description}, make('img', {
+      src: `preset/${k}`, alt: '', loading: 'lazy'}), make('span', {textContent: name}));
+    button.onclick = () => {
+      curve.show(fn, state.histogram);
+      set('transfer', fn);
+      showEnds();
+    };
+    return button;
+  }));
+}
+const takeFile = async (file) => {
+  if (!file) return;
+  try {
+    const {first} = await (await post('presets', {name: file.name, text: await file.text()})).json();
+    await load();
+    byId('presets').children[first]?.click();
+  } catch (error) {
+    say(error.message, true);
+  }
+};
+byId('file').onchange = (event) => takeFile(event.target.files[0]);
+addEventListener('dragover', (event) => event.preventDefault());
+addEventListener('drop', (event) => {
+  event.preventDefault();
+  takeFile(event.dataTransfer.files[0]);
+});
+
+// Options that an input states as they are. Empty: the default.
+const kInputs = {
+  lighting: String, light_rig: String, projection: String, exposure: Number, radius: Number,
+  center: (text) => text.split(',').map(Number), crop: String, finest_level: Number, codec: String};
+for (const [name, read] of Object.entries(kInputs)) {
+  const input = byId(name);
+  const update = (moving) => set(name, input.value.trim() === '' ? undefined : read(input.value), moving);
+  if (input.type === 'range') input.oninput = () => update(true);
+  input.onchange = () => update(false);
+}
+byId('each_label').onchange = (event) => set('each_label', event.target.checked || undefined);
+
+function showInputs() {
+  const values = merged();
+  for (const name of Object.keys(kInputs)) {
+    const input = byId(name), value = values[name];
+    input.value = value ?? (name === 'lighting' ? 'global' : name === 'light_rig' ? 'studio'
+      : name === 'exposure' ? 0 : '');
+  }
+  byId('each_label').checked = Boolean(recipe.each_label);
+}
+
+// The ball: its middle is a light from the eye, its rim one from the side.
+const ball = byId('ball');
+function light(x, y, moving) {
+  const r = Math.max(1, Math.hypot(x, y)), u = x / r, v = y / r;
+  const {right, down, forward} = camera.axes(1, 1), out = Math.sqrt(Math.max(0, 1 - u * u - v * v));
+  const direction = add(add(right.map((a) => a * u), down, v), forward, -out);
+  showBall(u, v);
+  set('light', direction.map((a) => Number(a.toFixed(4))), moving);
+}
+function showBall(u, v) {
+  ball.firstElementChild.style.cssText = `left:${50 + 46 * u}%;top:${50 + 46 * v}%`;
+  ball.setAttribute('aria-valuetext', `${Math.round(100 * u)} right, ${Math.round(-100 * v)} up`);
+  ball.at = [u, v];
+}
+ball.onpointerdown = (event) => {
+  const box = ball.getBoundingClientRect();
+  const go = (e, moving) => light((e.clientX - box.left) / box.width * 2.17 - 1.085,
+                                  (e.clientY - box.top) / box.height * 2.17 - 1.085, moving);
+  ball.setPointerCapture(event.pointerId);
+  go(event, true);
+  ball.onpointermove = (e) => go(e, true);
+  ball.onpointerup = (e) => { ball.onpointermove = ball.onpointerup = null; go(e, false); };
+};
+ball.onkeydown = (event) => {
+  const step = {ArrowLeft: [-0.1, 0], ArrowRight: [0.1, 0], ArrowUp: [0, -0.1], ArrowDown: [0, 0.1]};
+  const [du, dv] = step[event.key] ?? [];
+  if (du === undefined) return;
+  event.preventDefault();
+  light(ball.at[0] + du, ball.at[1] + dv, false);
+};
+showBall(0, 0);
+
+// ---- planes -----------------------------------------------------------------------------------------
+
+const planes = () => (merged().clip ?? []).map((plane) => [...plane]);
+const setPlanes = (all, moving) => set('clip', all.length > 0 ? all : undefined, moving);
+// The ends of a plane's way through the sphere, along its normal.
+const along = (plane) => dot(add(plane.slice(0, 3), sphere, -1), plane.slice(3)) / sphere[3];
+const shifted = (plane, to) => [...add(sphere.slice(0, 3), plane.slice(3), to * sphere[3]),
+                                ...plane.slice(3)].map((v) => Number(v.toPrecision(7)));
+for (const button of document.querySelectorAll('[data-axis]'))
+  button.onclick = () => {
+    const normal = [0, 0, 0];
+    normal[button.dataset.axis] = 1;
+    setPlanes([...planes(), shifted([0, 0, 0, ...normal], 0)]);
+    showPlanes();
+  };
+function showPlanes() {
+  byId('planes').replaceChildren(...planes().map((plane, k) => {
+    const edit = (change, moving) => {
+      const all = planes();
+      all[k] = change(all[k]);
+      setPlanes(all, moving);
+      showHandle();
+    };
+    const slider = make('input', {type: 'range', min: -1, max: 1, step: 0.005, value: along(plane)});
+    slider.setAttribute('aria-label', `Place of plane ${k + 1}`);
+    slider.oninput = () => edit((p) => shifted(p, Number(slider.value)), true);
+    slider.onchange = () => edit((p) => shifted(p, Number(slider.value)), false);
+    const numbers = make('input', {type: 'text', value: plane.join(', ')});
+    numbers.setAttribute('aria-label', `Point and normal of plane ${k + 1}`);
+    numbers.onchange = () => {
+      const v = numbers.value.split(',').map(Number);
+      if (v.length === 6 && v.every(Number.isFinite)) edit(() => v);
+      showPlanes();
+    };
+    const flip = make('button', {textContent: 'Flip', onclick: () => {
+      edit((p) => [...p.slice(0, 3), ...p.slice(3).map((v) => v === 0 ? 0 : -v)]);
+      showPlanes();
+    }});
+    const remove = make('button', {textContent: 'Remove', onclick: () => {
+      setPlanes(planes().filter((_, i) => i !== k));
+      showPlanes();
+    }});
+    return make('div', {}, slider, numbers, make('p', {className: 'row'}, flip, remove));
+  }));
+  showHandle();
+}
+// The arrow of the last plane, from its point along its normal, which is dragged along that.
+const handle = byId('handle'), knob = handle.querySelector('circle');
+function project(point) {
+  const {clientWidth: w, clientHeight: h} = picture, {eye, forward, right, down, half} = camera.axes(w, h);
+  const to = add(add(point, sphere, -1).map((v) => v / sphere[3]), eye, -1), z = dot(to, forward);
+  const scale = h / 2 / half / z;
+  return [w / 2 + dot(to, right) * scale, h / 2 + dot(to, down) * scale];
+}
+function showHandle() {
+  const plane = planes().at(-1);
+  handle.toggleAttribute('hidden', !plane || sphere[3] === 0);
+  if (handle.hasAttribute('hidden')) return;
+  const length = Math.hypot(...plane.slice(3)), point = plane.slice(0, 3);
+  const tip = add(point, plane.slice(3), 0.35 * sphere[3] / length);
+  const [x1, y1] = project(point), [x2, y2] = project(tip);
+  for (const [name, value] of Object.entries({x1, y1, x2, y2}))
+    handle.firstElementChild.setAttribute(name, value);
+  knob.setAttribute('cx', x2);
+  knob.setAttribute('cy', y2);
+  knob.onpointerdown = (event) => {
+    knob.setPointerCapture(event.pointerId);
+    const begin = [event.clientX, event.clientY], [dx, dy] = [x2 - x1, y2 - y1];
+    const move = (e, moving) => {
+      const t = ((e.clientX - begin[0]) * dx + (e.clientY - begin[1]) * dy) / (dx * dx + dy * dy || 1);
+      setPlanes([...planes().slice(0, -1),
+                 [...add(point, plane.slice(3), 0.35 * t * sphere[3] / length), ...plane.slice(3)]
+                   .map((v) => Number(v.toPrecision(7)))], moving);
+    };
+    knob.onpointermove = (e) => move(e, true);
+    knob.onpointerup = (e) => {
+      knob.onpointermove = knob.onpointerup = null;
+      move(e, false);
+      showPlanes();
+    };
+  };
+}
+
+// ---- labels, states, views -----------------------------------------------------------------------
+
+function showLabels() {
+  byId('labels').hidden = byId('each').hidden = !state.labels;
+  for (const id of ['presets', 'curve', 'ends', 'points', 'add', 'low', 'high'])
+    byId(id).hidden = Boolean(state.labels) || !state.histogram;
+  const only = merged().only_labels;
+  byId('labels').replaceChildren(...(state.labels ?? []).map(({id, name}) => {
+    const box = make('input', {type: 'checkbox', checked: !only || only.includes(id)});
+    box.onchange = () => {
+      const boxes = [...byId('labels').querySelectorAll('input')];
+      const chosen = state.labels.filter((_, k) => boxes[k].checked).map((label) => label.id);
+      set('only_labels', chosen.length === state.labels.length ? undefined : chosen);
+    };
+    return make('label', {}, name, box);
+  }));
+}
+function item(text, act, remove, pressed) {
+  const button = make('button', {textContent: text, onclick: act});
+  if (pressed !== undefined) button.setAttribute('aria-pressed', pressed);
+  const children = [button];
+  if (remove) {
+    children.push(make('button', {textContent: '×', onclick: remove}));
+    children[1].setAttribute('aria-label', `Remove ${text}`);
+  }
+  return make('li', {}, ...children);
+}
+function showStates() {
+  const choose = (k) => () => {
+    current = k;
+    changed();
+    refresh();
+  };
+  byId('statelist').replaceChildren(
+    item('The recipe', choose(-1), undefined, current < 0), ...states.map(({name}, k) =>
+      item(name, choose(k), () => {
+        remember();
+        states.splice(k, 1);
+        choose(-1)();
+      }, current === k)));
+}
+byId('addstate').onclick = () => {
+  const name = byId('statename').value.trim();
+  if (!name || states.some((one) => one.name === name)) return say('A state needs a name of its own.', true);
+  remember();
+  const own = current < 0 ? {} : states[current];
+  if (states.length === 0 && current < 0) states.push({name: 'whole'});
+  states.push({...own, name});
+  byId('statename').value = '';
+  current = states.length - 1;
+  changed();
+  refresh();
+};
+function showViews() {
+  byId('viewlist').replaceChildren(...views.map((view, k) => item(view.title, () => {
+    camera.reset();
+    [camera.azimuth, camera.elevation, camera.distance] = view.orbit;
+    if (view.target) camera.target = view.target.map((t, i) => (t - sphere[i]) / sphere[3]);
+    turned();
+  }, () => {
+    remember();
+    views.splice(k, 1);
+    changed();
+    showViews();
+  })));
+}
+byId('addview').onclick = () => {
+  remember();
+  const n = (v) => Number(v.toPrecision(6));
+  const view = {title: byId('viewname').value.trim() || `View ${views.length + 1}`,
+                orbit: [camera.azimuth, camera.elevation, camera.distance].map(n)};
+  if (camera.target.some((v) => v !== 0))
+    view.target = camera.target.map((t, i) => n(t * sphere[3] + sphere[i]));
+  views.push(view);
+  byId('viewname').value = '';
+  changed();
+  showViews();
+};
+
+// ---- saving and building --------------------------------------------------------------------------
+
+let command = '';
+async function save(what, more = {}) {
+  try {
+    const said = await (await post(what, more)).json();
+    command = said.command;
+    byId('copy').disabled = false;
+    byId('said').textContent = `${what === 'build' ? 'Building' : 'Saved'} ${said.save}`;
+    return true;
+  } catch (error) {
+    byId('said').textContent = error.message;
+    return false;
+  }
+}
+byId('save').onclick = () => save('save');
+byId('build').onclick = async () => { if (await save('build')) follow(); };
+byId('stop').onclick = () => post('stop');
+byId('copy').onclick = async () => {
+  if (await save('save')) await navigator.clipboard.writeText(command).catch(() => {});
+  byId('said').textContent = command;
+};
+const clock = (s) => s < 90 ? `${Math.round(s)} s` : `${Math.round(s / 60)} min`;
+async function follow() {
+  for (;;) {
+    const {build} = state = await (await fetch('state')).json();
+    const runs = build && !build.field && !build.error;
+    byId('build').hidden = Boolean(runs);
+    byId('stop').hidden = byId('progress').hidden = !runs;
+    if (!runs) {
+      if (build?.error) {
+        const exists = build.error.includes('exists');
+        byId('said').textContent = build.error;
+        if (exists && confirm(`${build.error}\n\nReplace it?`) && await save('build', {replace: true}))
+          return follow();
+      }
+      if (build?.field) {
+        byId('result').hidden = false;
+        byId('field').href = `../${build.field}/`;
+        byId('said').textContent = `Complete: ${state.output}`;
+      }
+      return again();
+    }
+    byId('progress').value = build.total > 0 ? build.done / build.total : 0;
+    const left = build.done > 0 ? build.seconds * (build.total / build.done - 1) : 0;
+    byId('said').textContent = `${clock(build.seconds)}` + (left > 0 ? `, ${clock(left)} left` : '');
+    await sleep(400);
+  }
+}
+
+// ---- all of it ---------------------------------------------------------------------------------------
+
+function refresh() {
+  showInputs();
+  showPlanes();
+  showLabels();
+  showStates();
+  showViews();
+  const fn = merged().transfer;
+  if (state.histogram && (typeof fn === 'object' ? fn : state.function))
+    curve.show(typeof fn === 'object' ? fn : state.function, state.histogram), showEnds();
+}
+async function load() {
+  state = await (await fetch('state')).json();
+  const {states: known = [], ...rest} = state.recipe;
+  [recipe, states, views] = [rest, known, state.views];
+  current = Math.min(current, states.length - 1);
+  byId('name').textContent = state.name;
+  document.title = `${state.name} · slf studio`;
+  showPresets();
+  refresh();
+  if (state.notes.length > 0) byId('said').textContent = state.notes.join(' ');
+  if (state.restored) byId('said').textContent = 'Went on from the draft of last time.';
+}
+byId('undo').onclick = () => restore(history, future);
+byId('redo').onclick = () => restore(future, history);
+addEventListener('keydown', (event) => {
+  if (!(event.ctrlKey || event.metaKey) || event.key.toLowerCase() !== 'z') return;
+  if (event.target.matches('input[type="text"], input[type="number"]')) return;
+  event.preventDefault();
+  if (event.shiftKey) restore(future, history);
+  else restore(history, future);
+});
+attach(picture, camera, {
+  moved: turned, tap: () => {}, wheels: () => true, hears: picture,
+  keys: {r: () => { camera.reset(); turned(); }}, signal: undefined});
+new ResizeObserver(again).observe(picture);
+
+globalThis.studio = {camera, pictures: [], get serial() { return serial; },
+                     get shown() { return shown; }, get state() { return state; }};
+load().then(() => {
+  serial = 1;
+  if (state.build && !state.build.field) follow();
+  draw();
+}, () => say(lost, true));
