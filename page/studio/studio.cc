@@ -66,6 +66,9 @@ Response refusal(const std::string& message, int status = 422) {
   return reply({{"error", message}}, status);
 }
 
+/// A function as recipes state it.
+json stated(const TransferFunction& function) { return json::parse(to_json(function)).at(0); }
+
 /// How many voxels have which value: counts of kBins equal steps, with their ends.
 json histogram_of(const Volume& volume) {
   const auto [low, high] = volume.value_range();
@@ -322,7 +325,7 @@ json Studio::State::state() {
   }
   all["histogram"] = histogram;
   if (fitted.empty())
-    for (const TransferPreset& preset : known) fitted.push_back(to_json(preset.fit(*volume)));
+    for (const TransferPreset& preset : known) fitted.push_back(stated(preset.fit(*volume)).dump());
   json presets = json::array();
   for (std::size_t k = 0; k < known.size(); ++k)
     presets.push_back({{"name", known[k].function.name},
@@ -336,8 +339,8 @@ json Studio::State::state() {
           ? Result<TransferPreset>(TransferPreset{.function = default_transfer(*volume)})
           : read_transfer(transfer);
   if (preset)
-    all["function"] = json::parse(
-        to_json(transfer.empty() ? preset->function : preset->fit(*volume, recipe->range)));
+    all["function"] =
+        stated(transfer.empty() ? preset->function : preset->fit(*volume, recipe->range));
   return all;
 }
 
@@ -386,7 +389,7 @@ Response Studio::State::presets(const json& body) {
   auto read = parse_transfers(body.value("text", ""), body.value("name", "the file"));
   if (!read) return refusal(read.error().message);
   for (TransferPreset& preset : *read) {
-    fitted.push_back(to_json(preset.fit(*measured)));
+    fitted.push_back(stated(preset.fit(*measured)).dump());
     known.push_back(std::move(preset));
   }
   return reply({{"first", known.size() - read->size()}});
