@@ -31,7 +31,7 @@ enum class Stage : std::uint8_t {
 /// What a page wants to see.
 struct Look {
   std::uint64_t serial = 0;     ///< grows from one look of a page to its next
-  Sphere sphere{};              ///< that the orbit refers to; a radius of 0: that of the scene
+  Sphere sphere{{}, 0};         ///< that the orbit refers to; a radius of 0: that of the scene
   std::array<double, 6> orbit;  ///< azimuth, elevation, distance, target, as in the page's address
   std::uint32_t width = 0, height = 0;
   bool moving = false;  ///< more will follow soon
