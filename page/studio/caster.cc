@@ -210,7 +210,7 @@ Result<Drawn> Caster::picture_of(const Job& job) {
   const auto shown = SLF_TRY(small ? make(Stage::direct, job.transfer) : scene(stage));
   const Sphere sphere = shown->bounds();
   Look look = job.look;
-  if (small) look = {1, {}, {30, 20, 3, 0, 0, 0}, kThumbnail, kThumbnail, false};
+  if (small) look = {1, {{}, 0}, {30, 20, 3, 0, 0, 0}, kThumbnail, kThumbnail, false};
   const double shrink = moving ? std::sqrt(std::min(1.0, pixels_ / look.width / look.height)) : 1;
   look.width = std::max(1u, static_cast<std::uint32_t>(look.width * shrink));
   look.height = std::max(1u, static_cast<std::uint32_t>(look.height * shrink));

@@ -376,7 +376,7 @@ function showHandle() {
 
 function showLabels() {
   byId('labels').hidden = byId('each').hidden = !state.labels;
-  for (const id of ['presets', 'curve', 'ends', 'points', 'add', 'low', 'high'])
+  for (const id of ['presets', 'curve', 'ends', 'numbers', 'add', 'low', 'high'])
     byId(id).hidden = Boolean(state.labels) || !state.histogram;
   const only = merged().only_labels;
   byId('labels').replaceChildren(...(state.labels ?? []).map(({id, name}) => {
@@ -543,6 +543,7 @@ globalThis.studio = {camera, pictures: [], get serial() { return serial; },
                      get shown() { return shown; }, get state() { return state; }};
 load().then(() => {
   serial = 1;
+  movedAt = performance.now();  // a small picture comes first
   if (state.build && !state.build.field) follow();
   draw();
 }, () => say(lost, true));
