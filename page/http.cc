@@ -112,25 +112,20 @@ class Connection {
     const std::size_t end = in_.find("\r\n\r\n");
     if (end == std::string::npos && in_.size() <= kMaxHead) return;
     request_ = parse_request(std::string_view(in_).substr(0, end));
-    const int refused = end == std::string::npos ? 431 : request_ ? 0 : 400;
+    int refused = end == std::string::npos ? 431 : request_ ? 0 : 400;
     std::size_t body = 0;
-    if (!refused && request_->count("content-length") == 1 &&
-        request_->count("transfer-encoding") == 0) {
+    bool unread = false;  // then anything may follow
+    if (!refused && request_->count("content-length") + request_->count("transfer-encoding") > 0) {
       const std::string_view text = request_->header("content-length");
       const auto read = std::from_chars(text.data(), text.data() + text.size(), body);
-      if (read.ec == std::errc() && read.ptr == text.data() + text.size() && body <= kMaxBody) {
-        if (in_.size() < end + 4 + body) return request_.reset();
-        request_->body = in_.substr(end + 4, body);
-      } else {
-        body = std::string::npos;
-      }
-    } else if (!refused &&
-               request_->count("content-length") + request_->count("transfer-encoding") > 0) {
-      body = std::string::npos;
+      unread = read.ec != std::errc() || read.ptr != text.data() + text.size() || body > kMaxBody ||
+               request_->count("content-length") + request_->count("transfer-encoding") > 1;
+      if (unread) body = 0;
+      if (unread && request_->method == "POST") refused = 413;
     }
-    // A body that is not read may be followed by anything.
-    const bool unread = body == std::string::npos;
-    in_.erase(0, refused ? in_.size() : unread ? end + 4 : end + 4 + body);
+    if (!refused && in_.size() < end + 4 + body) return request_.reset();
+    if (!refused) request_->body = in_.substr(end + 4, body);
+    in_.erase(0, end == std::string::npos ? end : end + 4 + body);
     closes_ = refused || unread || !request_->keeps;
     since_ = Clock::now();
     if (!refused) return resume(answer);

@@ -1,0 +1,265 @@
+"""The studio of `slf view VOLUME`, in Chromium: what it shows, saves and builds is what the
+commands make of the recipe that it saves.
+
+    studio_test.py SLF FOLDER
+"""
+
+import base64
+import http.client
+import json
+import math
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+import unittest
+import urllib.parse
+
+from browser import Browser, BrowserError
+
+SLF, WORK = sys.argv[1:3]
+DIMS = (28, 26, 24)
+
+
+def path(name):
+    return os.path.join(WORK, name)
+
+
+def slf(*arguments, code=0):
+    done = subprocess.run([SLF, "-q", *arguments], capture_output=True, text=True)
+    assert done.returncode == code, (arguments, done.stderr)
+    return done.stdout
+
+
+class Studio:
+    """slf view of something that a field can be made of."""
+
+    def __init__(self, *arguments):
+        self.process = subprocess.Popen([SLF, "-q", "view", *arguments], stdout=subprocess.PIPE,
+                                        text=True, cwd=WORK)
+        self.url = self.process.stdout.readline().strip()
+        if self.url:
+            self.url += "studio/"
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.process.send_signal(signal.SIGINT)
+        self.status = self.process.wait(30)
+        self.process.stdout.close()
+
+    def ask(self, what, body=None, method=None, headers={}):
+        """The status and the bytes of an answer."""
+        address = urllib.parse.urlsplit(self.url)
+        connection = http.client.HTTPConnection(address.netloc, timeout=60)
+        text = body if isinstance(body, (bytes, type(None))) else json.dumps(body)
+        connection.request(method or ("GET" if body is None else "POST"), address.path + what, text,
+                           headers)
+        answer = connection.getresponse()
+        got = answer.status, answer.read()
+        connection.close()
+        return got
+
+    def state(self):
+        return json.loads(self.ask("state")[1])
+
+    def show(self, **options):
+        status, said = self.ask("recipe", {"revision": self.state()["revision"], "shown": options,
+                                           "recipe": options, "views": []})
+        return status, json.loads(said)
+
+
+class StudioTest(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        shutil.rmtree(WORK, ignore_errors=True)
+        os.makedirs(WORK)
+        middle = [(d - 1) / 2 for d in DIMS]
+        with open(path("ball.raw"), "wb") as file:
+            file.write(bytes(
+                min(255, max(0, int(128 + 40 * (9 - math.dist((x, y, z), middle)))))
+                for z in range(DIMS[2]) for y in range(DIMS[1]) for x in range(DIMS[0])))
+        with open(path("ball.nhdr"), "w") as file:
+            file.write("NRRD0004\ntype: uint8\ndimension: 3\nencoding: raw\nspacings: 1 1 1\n"
+                       f"sizes: {DIMS[0]} {DIMS[1]} {DIMS[2]}\ndata file: ball.raw\n")
+        cls.browser = Browser()
+
+    @classmethod
+    def tearDownClass(cls):
+        cls.browser.__exit__()
+
+    def setUp(self):
+        for name in os.listdir(WORK):
+            if name not in ("ball.raw", "ball.nhdr"):
+                os.remove(path(name))
+
+    def open(self, studio, width=900, height=500):
+        page = self.browser.open(studio.url, width, height)
+        self.fine(page)
+        return page
+
+    def fine(self, page):
+        """Waits until the picture is as good as it gets."""
+        page.wait("globalThis.studio?.shown.stage === 4 && studio.shown.serial === studio.serial &&"
+                  " performance.now() - studio.pictures.at(-1).at > 400")
+
+    def canvas(self, page, name):
+        url = page.run("document.getElementById('picture').toDataURL('image/png')")
+        with open(path(name), "wb") as file:
+            file.write(base64.b64decode(url.split(",", 1)[1]))
+
+    def set(self, page, label, value, event="change"):
+        page.run(f"""(() => {{
+          const input = document.querySelector({json.dumps(label)});
+          input.value = {json.dumps(value)};
+          input.dispatchEvent(new Event('{event}'));
+        }})()""")
+
+    def test_from_looking_to_a_field(self):
+        with Studio("ball.nhdr", "-o", "ball.slf") as studio:
+            page = self.open(studio)
+            stages = page.run("studio.pictures.map((p) => p.stage)")
+            self.assertEqual(stages, sorted(stages))
+            self.assertEqual(stages[0], 1)  # a small one comes first
+            page.wait("document.querySelector('#presets img')?.complete")
+            self.assertGreater(page.run("document.querySelector('#presets img').naturalWidth"), 0)
+            page.run("document.querySelectorAll('#presets button')[2].click()")
+            self.fine(page)
+            before = page.run("studio.state.revision")
+
+            # Drag the last point but one of the curve to the left and down.
+            box = page.run("""(() => {
+              const {left, top, width, height} = document.getElementById('curve')
+                .getBoundingClientRect();
+              return [left, top, width, height];
+            })()""")
+            point = page.run("""(() => {
+              const [value, opacity] = ['Value', 'Opacity'].map((name) => Number(
+                [...document.querySelectorAll(`[aria-label^="${name} of point"]`)].at(-2).value));
+              const ends = [...document.querySelectorAll('#ends span')].map((e) =>
+                parseFloat(e.textContent));
+              return [(value - ends[0]) / (ends[1] - ends[0]), 1 - opacity];
+            })()""")
+            x, y = box[0] + point[0] * box[2], box[1] + 4 + point[1] * (box[3] - 8)
+            self.mouse(page, [(x, y), (x - 6, y + 10), (x - 12, y + 20), (x - 20, y + 30)])
+            self.fine(page)
+            self.assertGreater(page.run("studio.state.revision"), before)
+            serials = page.run("studio.pictures.map((p) => p.serial)")
+            self.assertEqual(serials, sorted(serials))  # none is older than the one before
+
+            page.run("document.querySelector('[data-axis=\"1\"]').click()")
+            self.set(page, "[aria-label='Place of plane 1']", "-0.2")
+            self.fine(page)
+            page.run("document.getElementById('undo').click()")
+            page.run("document.getElementById('redo').click()")
+            page.run("document.getElementById('picture').focus()")
+            page.call("Input.dispatchKeyEvent", type="keyDown", key="+")
+            for _ in range(3):
+                page.call("Input.dispatchKeyEvent", type="keyDown", key="ArrowLeft")
+            self.set(page, "#viewname", "From the left", "input")
+            page.run("document.getElementById('addview').click()")
+            self.set(page, "#finest_level", "0")
+            page.wait("studio.state.revision > 5")
+            self.fine(page)
+            page.call("Input.dispatchKeyEvent", type="keyDown", key="r")
+            self.fine(page)
+            self.canvas(page, "shown.png")
+            size = page.run("['width', 'height'].map((side) =>"
+                            " document.getElementById('picture')[side]).join('x')")
+            page.run("document.getElementById('save').click()")
+            page.wait("document.getElementById('said').textContent.startsWith('Saved')")
+            slf("raycast", path("ball.recipe.json"), "-o", path("cast.png"), "--size", size)
+            self.assertIn("inf", slf("compare", path("shown.png"), path("cast.png")))
+
+            self.set(page, "#statename", "whole head", "input")
+            page.run("document.getElementById('addstate').click()")
+            self.fine(page)
+            page.run("document.querySelector('#planes button:last-child').click()")
+            self.fine(page)
+            page.run("document.getElementById('build').click()")
+            page.wait("!document.getElementById('result').hidden", 240)
+            page.run("document.getElementById('field').removeAttribute('target')")
+            page.run("document.getElementById('field').click()")
+            page.wait("globalThis.slf?.state === 'settled'", 240)
+            page.close()
+
+        with open(path("ball.recipe.json")) as file:
+            recipe = json.load(file)
+        self.assertEqual(recipe["input"], "ball.nhdr")
+        self.assertEqual([state["name"] for state in recipe["states"]], ["whole", "whole head"])
+        with open(path("ball.views.json")) as file:
+            self.assertEqual(json.load(file)["views"][0]["title"], "From the left")
+        self.assertFalse(os.path.exists(path("ball.recipe.json.draft")))
+        slf("build", path("ball.recipe.json"), "-o", path("again.slf"))
+        slf("diff", path("ball.slf"), path("again.slf"))
+
+    def mouse(self, page, places):
+        for kind, (x, y), buttons in zip(
+                ["mousePressed"] + ["mouseMoved"] * (len(places) - 2) + ["mouseReleased"], places,
+                [1] * (len(places) - 1) + [0]):
+            page.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left",
+                      buttons=buttons, clickCount=1)
+            time.sleep(0.05)
+
+    def test_what_is_made_survives(self):
+        with Studio("ball.nhdr", "-o", "ball.slf") as studio:
+            self.assertEqual(studio.show(exposure=1.5)[0], 200)
+            self.assertEqual(studio.ask("recipe", {"revision": 1, "shown": {}})[0], 409)
+        self.assertEqual(studio.status, -signal.SIGINT)
+        self.assertEqual(sorted(os.listdir(WORK)),
+                         ["ball.nhdr", "ball.raw", "ball.recipe.json.draft"])
+        with Studio("ball.nhdr", "-o", "ball.slf") as studio:
+            self.assertEqual(studio.state()["shown"], {"exposure": 1.5})
+            self.assertEqual(studio.ask("save", {})[0], 200)
+        with Studio("ball.nhdr", "-o", "ball.slf") as studio:  # another one owns no recipe
+            status, said = studio.ask("save", {})
+            self.assertEqual(status, 422)
+            self.assertIn("exists", json.loads(said)["error"])
+
+    def test_requests_are_untrusted(self):
+        with Studio("ball.nhdr", "-o", "ball.slf") as studio:
+            for options, part in [({"exposure": "much"}, "exposure"), ({"nothing": 1}, "nothing"),
+                                  ({"labels_volume": "/etc/passwd"}, "command line"),
+                                  ({"transfer": "/etc/passwd"}, "command line"),
+                                  ({"up_axis": "z"}, "up_axis")]:
+                status, said = studio.show(**options)
+                self.assertEqual(status, 422, options)
+                self.assertIn(part, said["error"])
+            for body in [b"", b"[", b"[]", b"{" * 5000, b'{"orbit": [1, 2, 3], "size": [9, 9]}',
+                         b'{"orbit": [0, 0, 0, 0, 0, 0], "size": [1e9, 1]}']:
+                self.assertIn(studio.ask("look", body, "POST")[0], [400, 422, 500], body)
+            self.assertEqual(studio.ask("recipe", b"x" * (2 << 20), "POST")[0], 413)
+            self.assertEqual(studio.ask("nothing")[0], 404)
+            self.assertEqual(studio.ask("state", b"", "PUT")[0], 405)
+            inside, studio.url = studio.url, studio.url.replace(studio.url.split("/")[3], "0" * 32)
+            self.assertEqual(studio.ask("state")[0], 403)
+            self.assertEqual(studio.ask("save", {})[0], 403)
+            studio.url = inside
+            self.assertEqual(studio.ask("state")[0], 200)
+            # Nothing is visible: a message, and the page goes on.
+            status, said = studio.show(transfer={"RGBPoints": [500, 1, 1, 1],
+                                                 "Points": [500, 0, 0.5, 0]})
+            self.assertEqual(status, 200)
+            status, said = studio.ask("look", {"page": 1, "serial": 1, "size": [32, 32],
+                                               "orbit": [30, 20, 3, 0, 0, 0]})
+            self.assertEqual(status, 422)
+            self.assertIn("visible", json.loads(said)["error"])
+
+    def test_meshes_and_analytic_scenes(self):
+        for source in ["scene:balls"]:
+            with Studio(source, "-o", "balls.slf") as studio:
+                page = self.open(studio)
+                self.assertEqual(page.run("document.getElementById('status').textContent"), "")
+                page.close()
+
+
+if __name__ == "__main__":
+    try:
+        Browser().__exit__()
+    except BrowserError as error:
+        print(error)
+        sys.exit(77)
+    unittest.main(argv=sys.argv[:1], verbosity=2)
