@@ -238,10 +238,15 @@ addEventListener('drop', (event) => {
 // Options that an input states as they are. Empty: the default.
 const kInputs = {
   lighting: String, light_rig: String, projection: String, exposure: Number, radius: Number,
-  center: (text) => text.split(',').map(Number), crop: String, finest_level: Number, codec: String};
+  center: (text) => text.split(',').map(Number), crop: String, quality: String, finest_level: Number, codec: String};
+const kInstead = {quality: ['entry', 'exit', 'finest_level'], finest_level: ['quality']};
 for (const [name, read] of Object.entries(kInputs)) {
   const input = byId(name);
-  const update = (moving) => set(name, input.value.trim() === '' ? undefined : read(input.value), moving);
+  const update = (moving) => {
+    for (const other of kInstead[name] ?? []) delete recipe[other];
+    set(name, input.value.trim() === '' ? undefined : read(input.value), moving);
+    if (kInstead[name]) showInputs();
+  };
   if (input.type === 'range') input.oninput = () => update(true);
   input.onchange = () => update(false);
 }
