@@ -145,7 +145,7 @@ struct Studio::State {
     Recipe made;
     made.input = base.input;
     made.volume = base.volume;
-    made.stated.insert("input");
+    if (!base.volume) made.stated.insert("input");
     for (const auto& [name, value] : stated.items()) {
       const recipe::Option* const option = recipe::find(name);
       // A page changes no file but those that the maker named when the studio began.
@@ -249,7 +249,7 @@ void Studio::State::build(bool replace) {
     };
     auto built = guarded([&]() -> Result<BuildReport> {
       Recipe recipe;
-      recipe.input = recipe_path;
+      recipe.volume = base.volume;
       SLF_TRY(read_recipe(recipe_path, recipe));
       recipe.light_volume.threads = recipe.field.threads = options.threads;
       recipe.light_volume.progress = on_progress;

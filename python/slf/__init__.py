@@ -7,10 +7,11 @@
 World coordinates are LPS, as in DICOM and ITK. Arrays of voxels are indexed [z, y, x].
 """
 
-from ._build import build, build_rays, raycast
+from ._build import build, build_rays, raycast, studio
 from ._errors import (BadFileError, BusyError, Error, FailedError, IoError, NotFoundError,
                       OutOfMemoryError, UnsupportedError, UsageError)
 from ._field import Field, Player, diff, export, merge, open, repack, verify
+from ._notebook import Studio
 from ._rays import Scene
 from ._source import BuildSettings, Settings, SourceSettings
 from ._slf import version as __version__
@@ -18,6 +19,6 @@ from ._types import Camera, Look, Orbit, Picture, Sphere, Tone, orbit
 
 __all__ = ["BadFileError", "BuildSettings", "BusyError", "Camera", "Error", "FailedError",
            "Field", "IoError", "Look", "NotFoundError", "Orbit", "OutOfMemoryError", "Picture",
-           "Player", "Scene", "Settings", "SourceSettings", "Sphere", "Tone", "UnsupportedError",
-           "UsageError", "build", "build_rays", "diff", "export", "merge", "open", "orbit",
-           "raycast", "repack", "verify"]
+           "Player", "Scene", "Settings", "SourceSettings", "Sphere", "Studio", "Tone",
+           "UnsupportedError", "UsageError", "build", "build_rays", "diff", "export", "merge",
+           "open", "orbit", "raycast", "repack", "studio", "verify"]

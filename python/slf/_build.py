@@ -12,9 +12,10 @@ from . import _slf
 from ._field import (AnyCamera, Array, Field, Path, Size, State, camera_tuple, check_dtype,
                      finished_picture)
 from ._errors import UsageError
+from ._notebook import Studio, server_base
 from ._progress import Progress, reporter
 from ._rays import Function, Scene
-from ._source import BuildSettings, Settings, described
+from ._source import BuildSettings, Settings, described, recipe_of
 from ._types import Picture, finite, orbit
 
 
@@ -119,3 +120,22 @@ def raycast(source: Any, camera: AnyCamera = orbit(), size: Size = (512, 512), *
         colors, distance = known[state].raycast(view, threads, report)
     picture = finished_picture(colors, dtype, background)
     return Picture(picture, distance) if depth else picture
+
+
+def studio(source: Any, out: Path, *, save: Path = "", threads: int = 0,
+           **settings: Unpack[BuildSettings]) -> Studio:
+    """A page on which colours, light and cuts are chosen by looking, and the field is built.
+
+    source: an array, an image or a path, as of build().
+    out: the field that the page builds. The recipe is saved beside it as NAME.recipe.json, or in
+        `save`. That of an array names no file: slf.build() takes its members as settings.
+    settings: what the page begins with; those of build(), with a transfer function as a name, a
+        file or JSON.
+
+    Raises what build() raises, and slf.UnsupportedError: slf was built without the page.
+    """
+    if isinstance(source, Scene):
+        raise UsageError("studio: not for scenes of Python")
+    folder = os.path.dirname(os.fspath(out)) or None
+    recipe = recipe_of({"source": source, **settings}, False, folder, [], {})
+    return Studio(_slf.Studio(recipe, out, save, threads, server_base() is not None))

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from . import _slf
 from ._errors import Error
 
 if TYPE_CHECKING:
@@ -159,3 +160,31 @@ class View:
         link = _linked(url) + "<br>" if url else ""
         return _figure(field, link + "The notebook has the whole field. If this is only a picture, "
                        "trust the notebook to turn it.", f"srcdoc='{text}'", **first)
+
+
+class Studio:
+    """A page on which colours, light and cuts are chosen, at a URL. Made by slf.studio(). A context
+    manager."""
+
+    def __init__(self, server: _slf.Studio) -> None:
+        self._server, self.url = server, server.url
+
+    def close(self) -> None:
+        """Ends the server. What was not saved is kept as a draft. A second call does nothing."""
+        self._server.close()
+
+    def __enter__(self) -> Studio:
+        return self
+
+    def __exit__(self, *raised: Any) -> None:
+        self.close()
+
+    def __repr__(self) -> str:
+        return f"<slf studio at {self.url}>"
+
+    def _repr_html_(self) -> str:
+        url = _reachable(self.url)
+        if not url:
+            return "The browser cannot reach the studio, which is on the machine of the notebook."
+        return (_linked(url) + f'<br><iframe src="{html.escape(url)}" width="100%" height="640" '
+                'style="border:0"></iframe>')

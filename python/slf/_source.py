@@ -369,7 +369,7 @@ def described(stack: contextlib.ExitStack, source: Any, settings: Mapping[str, A
         if unknown:
             raise TypeError(f"unexpected settings: {', '.join(unknown)}")
         mapped: list[mmap.mmap] = []
-        recipe = _recipe(given, bool(lit_by), folder, mapped, kept)
+        recipe = recipe_of(given, bool(lit_by), folder, mapped, kept)
         recipe.use_threads(threads)
         if truth_of is not None:
             recipe.compare_with(truth_of)
@@ -388,8 +388,8 @@ def described(stack: contextlib.ExitStack, source: Any, settings: Mapping[str, A
     return Described(whole, scenes)
 
 
-def _recipe(given: Mapping[str, Any], lit: bool, folder: str | None, mapped: list[mmap.mmap],
-            kept: _Kept) -> _slf.Recipe:
+def recipe_of(given: Mapping[str, Any], lit: bool, folder: str | None, mapped: list[mmap.mmap],
+              kept: _Kept) -> _slf.Recipe:
     """The recipe of settings, of which one is the source."""
     settings: Any = {key: value for key, value in given.items() if value is not None}
     source = settings.pop("source")

@@ -14,15 +14,17 @@
 #include "page/page.h"
 #include "page/server.h"
 #include "page/site.h"
+#include "page/studio/studio.h"
 
 namespace slf::python {
 namespace {
 
-/// Serves a field on a thread of its own until it is closed.
+/// Serves a field, or a studio, on a thread of its own until it is closed.
 class ViewServer {
  public:
-  ViewServer(const Text& field, const page::ServerOptions& options)
-      : server_(value_of(page::Server::make({{field}}, options), field)),
+  ViewServer(const std::vector<std::string>& fields, const Text& name,
+             const page::ServerOptions& options)
+      : server_(value_of(page::Server::make(fields, options), name)),
         thread_(std::make_unique<std::thread>(
             [this] { (void)server_.run([this] { return stop_.load(); }); })) {}
   ~ViewServer() { close(); }
@@ -30,6 +32,7 @@ class ViewServer {
   ViewServer& operator=(const ViewServer&) = delete;
 
   [[nodiscard]] const std::string& url() const { return server_.url(); }
+  page::Server& server() { return server_; }
   void close() {
     if (getpid() != process_)
       (void)thread_.release();  // it is missing in this process, a forked one
@@ -45,6 +48,35 @@ class ViewServer {
   std::atomic<bool> stop_{false};
   const pid_t process_ = getpid();
   std::unique_ptr<std::thread> thread_;
+};
+
+/// A studio and its server.
+class StudioServer {
+ public:
+  StudioServer(const Recipe& recipe, page::StudioOptions options, bool any_host) {
+    const Text output(options.output);
+    options.show = [this](const std::string& field) { return server_->server().add(field); };
+    studio_ = value_of(page::Studio::make(recipe, std::move(options)), output);
+    page::ServerOptions how{.any_host = any_host};
+    how.studio = [this](const page::Request& request, std::string_view rest) {
+      return studio_->answer(request, rest);
+    };
+    server_ = std::make_unique<ViewServer>(std::vector<std::string>(), output, how);
+  }
+  ~StudioServer() { close(); }
+  StudioServer(const StudioServer&) = delete;
+  StudioServer& operator=(const StudioServer&) = delete;
+
+  [[nodiscard]] Text url() const { return Text(server_->url()); }
+  void close() {
+    server_->close();
+    const py::gil_scoped_release release;
+    studio_.reset();
+  }
+
+ private:
+  std::unique_ptr<page::Studio> studio_;
+  std::unique_ptr<ViewServer> server_;
 };
 
 void check_page() {
@@ -96,12 +128,23 @@ void bind_views(py::module_& module) {
                        bool any_host, const Text& state, const LookTuples& structures) {
         check_page();
         return std::make_unique<ViewServer>(
-            field, page::ServerOptions{.any_host = any_host,
-                                       .views = views_of(views, json),
-                                       .first = first_of(state, structures)});
+            std::vector<std::string>{field}, field,
+            page::ServerOptions{.any_host = any_host,
+                                .views = views_of(views, json),
+                                .first = first_of(state, structures)});
       }))
       .def_property_readonly("url", [](const ViewServer& server) { return Text(server.url()); })
       .def("close", &ViewServer::close);
+  py::class_<StudioServer>(module, "Studio")
+      .def(py::init([](const Recipe& recipe, const Text& output, const Text& save, unsigned threads,
+                       bool any_host) {
+        check_page();
+        return std::make_unique<StudioServer>(
+            recipe, page::StudioOptions{.output = output, .save = save, .threads = threads},
+            any_host);
+      }))
+      .def_property_readonly("url", &StudioServer::url)
+      .def("close", &StudioServer::close);
   module.def("export_field", export_field);
 }
 
