@@ -26,10 +26,10 @@ namespace slf::page {
 
 struct StudioOptions {
   std::string output;    ///< the field that is to be built
-  std::string save;      ///< path of the recipe; empty: NAME.recipe.json beside the output
+  std::string save{};    ///< path of the recipe; empty: NAME.recipe.json beside the output
   unsigned threads = 0;  ///< 0: all
   /// Shows a finished field, and returns its folder beside that of the studio.
-  std::function<Result<std::string>(const std::string& field)> show;
+  std::function<Result<std::string>(const std::string& field)> show{};
 };
 
 /// Thread-safety: none, but for threads of its own.
