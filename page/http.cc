@@ -114,19 +114,23 @@ class Connection {
     request_ = parse_request(std::string_view(in_).substr(0, end));
     int refused = end == std::string::npos ? 431 : request_ ? 0 : 400;
     std::size_t body = 0;
-    bool unread = false;  // then anything may follow
-    if (!refused && request_->count("content-length") + request_->count("transfer-encoding") > 0) {
+    const bool has_body =
+        request_ && request_->count("content-length") + request_->count("transfer-encoding") > 0;
+    // Other methods have no use for one. What follows it is not read, since others may see its end
+    // elsewhere.
+    if (!refused && has_body && request_->method == "POST") {
       const std::string_view text = request_->header("content-length");
-      const auto read = std::from_chars(text.data(), text.data() + text.size(), body);
-      unread = read.ec != std::errc() || read.ptr != text.data() + text.size() || body > kMaxBody ||
-               request_->count("content-length") + request_->count("transfer-encoding") > 1;
-      if (unread) body = 0;
-      if (unread && request_->method == "POST") refused = 413;
+      const auto [rest, error] = std::from_chars(text.data(), text.data() + text.size(), body);
+      if (error != std::errc() || rest != text.data() + text.size() || body > kMaxBody ||
+          request_->count("content-length") + request_->count("transfer-encoding") > 1)
+        refused = 413;
+      else if (in_.size() < end + 4 + body)
+        return request_.reset();
+      else
+        request_->body = in_.substr(end + 4, body);
     }
-    if (!refused && in_.size() < end + 4 + body) return request_.reset();
-    if (!refused) request_->body = in_.substr(end + 4, body);
     in_.erase(0, end == std::string::npos ? end : end + 4 + body);
-    closes_ = refused || unread || !request_->keeps;
+    closes_ = refused || has_body || !request_->keeps;
     since_ = Clock::now();
     if (!refused) return resume(answer);
     Response response;

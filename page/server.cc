@@ -248,6 +248,12 @@ bool Server::State::choose(const Request& request, Response& response) const {
     return answer_text(response, 403,
                        "Host not allowed: this server answers only to 127.0.0.1, localhost and "
                        "[::1]. slf view --bind ADDRESS answers to any name.");
+  const bool reads = request.method == "GET" || request.method == "HEAD";
+  const auto refuse_method = [&] {
+    response.set("Allow", "GET, HEAD");
+    return answer_text(response, 405, "Only GET and HEAD work here.");
+  };
+  if (!reads && !studio) return refuse_method();
   std::string_view path = request.path;
   // The token is in the path, because frames of other sites get no cookies.
   if (!begins_with_secret(path, root))
@@ -262,10 +268,7 @@ bool Server::State::choose(const Request& request, Response& response) const {
     response = std::move(*made);
     return true;
   }
-  if (request.method != "GET" && request.method != "HEAD") {
-    response.set("Allow", "GET, HEAD");
-    return answer_text(response, 405, "Only GET and HEAD work here.");
-  }
+  if (!reads) return refuse_method();
   if (path.empty()) return redirect(response, root.substr(1) + "/");
   if (path == "/") {
     if (fields.size() > 1 && !studio) return answer_list(response);
