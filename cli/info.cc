@@ -327,7 +327,8 @@ struct PicturesInfo {
 };
 
 Result<void> print_pictures(const SourceArguments& source, bool json) {
-  PicturesInfo info{SLF_TRY(read_pictures(source))};
+  auto read = SLF_TRY(read_pictures(source));
+  PicturesInfo info{std::move(read)};
   auto& [set, sizes, lenses, masks, depths] = info;
   for (const Picture& picture : set.pictures) {
     const Lens& lens = picture.lens;

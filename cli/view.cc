@@ -61,9 +61,15 @@ void open_browser(const std::string& url) {
   _exit(127);
 }
 
-/// Whether fields are to be shown, and not something that one can be made of.
+/// Whether fields are to be shown, and not something that one can be made of. What does not exist
+/// counts as one.
 bool are_fields(const std::vector<std::string>& inputs) {
-  return inputs.size() != 1 || inputs[0].ends_with(".slf") || Field::open(inputs[0]);
+  if (inputs.size() != 1 || inputs[0].ends_with(".slf") || inputs[0].starts_with("http"))
+    return true;
+  std::error_code ignored;
+  return (inputs[0].find(':') == std::string::npos &&
+          !std::filesystem::exists(inputs[0], ignored)) ||
+         Field::open(inputs[0]);
 }
 
 Result<std::unique_ptr<page::Studio>> make_studio(const ViewArguments& a, page::Server*& server) {
