@@ -8,19 +8,10 @@
 #include "cli/command.h"
 
 namespace slf::cli {
-#ifdef SLF_REMOTE
 namespace {
 
 /// The remote fields that were opened, for their traffic.
 std::vector<RemoteField> remote_fields;
-
-Result<Field> open_first_state(const std::string& path) {
-  if (!is_address(path)) return Field::open(path);
-  auto remote =
-      SLF_TRY(RemoteField::open(path, {}, late_progress_bar("fetch", "bytes", OnSignal::end)));
-  remote_fields.push_back(remote);
-  return remote.field();
-}
 
 }  // namespace
 
@@ -35,21 +26,10 @@ std::optional<RemoteTraffic> traffic() {
   }
   return sum;
 }
-#else
-namespace {
-
-Result<Field> open_first_state(const std::string& path) {
-  if (!is_address(path)) return Field::open(path);
-  return unsupported(path, "this slf was built without libcurl and does not read fields over HTTP");
-}
-
-}  // namespace
-
-std::optional<RemoteTraffic> traffic() { return std::nullopt; }
-#endif
 
 Result<Field> open_field(const std::string& path, const std::string& state) {
-  const auto field = SLF_TRY(open_first_state(path));
+  const auto field = SLF_TRY(
+      slf::open_field(path, late_progress_bar("fetch", "bytes", OnSignal::end), &remote_fields));
   return state.empty() ? field : hinted(field.in_state(state));
 }
 

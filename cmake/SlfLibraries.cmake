@@ -5,9 +5,7 @@ slf_library(image ROOMS image LINKS core)
 slf_library(write ROOMS storage_writer scene inspect write LINKS image)
 slf_library(source LINKS write
   ROOMS documents volume transfer medium light raycast analytic mesh pictures recipe measure)
-if(TARGET slf_remote)
-  slf_library(remote ROOMS remote LINKS core)
-endif()
+slf_library(remote ROOMS remote LINKS core)
 
 # All of them, for programs that do not choose.
 add_library(slf_slf INTERFACE)

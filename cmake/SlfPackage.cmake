@@ -19,16 +19,11 @@ set(CPACK_COMPONENTS_GROUPING IGNORE)
 set(CPACK_DEBIAN_FILE_NAME DEB-DEFAULT)
 set(CPACK_DEBIAN_PACKAGE_RELEASE 1)
 
-# Loaded when it is first used, so dpkg-shlibdeps does not find it.
-set(loaded)
-if(TARGET slf::remote)
-  set(loaded "libcurl4 (>= 7.85)")
-endif()
-
 set(CPACK_DEBIAN_PROGRAM_PACKAGE_NAME slf)
 set(CPACK_DEBIAN_PROGRAM_PACKAGE_SECTION graphics)
 set(CPACK_DEBIAN_PROGRAM_PACKAGE_SHLIBDEPS ON)
-set(CPACK_DEBIAN_PROGRAM_PACKAGE_DEPENDS ${loaded})
+# Loaded when it is first used, so dpkg-shlibdeps does not find it.
+set(CPACK_DEBIAN_PROGRAM_PACKAGE_DEPENDS "libcurl4 (>= 7.85)")
 set(CPACK_COMPONENT_PROGRAM_DESCRIPTION
   "Build, store and render sphere light fields
  A sphere light field stores the colour of every ray that crosses a sphere

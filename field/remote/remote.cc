@@ -18,4 +18,14 @@ Result<RemoteField> RemoteField::open(const std::string& url, const RemoteOption
 
 RemoteTraffic RemoteField::traffic() const { return source_->traffic(); }
 
+Result<Field> open_field(const std::string& place, const ProgressCallback& progress,
+                         std::vector<RemoteField>* remote) try {
+  if (!is_address(place)) return Field::open(place);
+  const auto opened = SLF_TRY(RemoteField::open(place, {}, progress));
+  if (remote) remote->push_back(opened);
+  return opened.field();
+} catch (...) {
+  return tl::unexpected(error_of_exception());
+}
+
 }  // namespace slf

@@ -12,6 +12,7 @@
 #include <memory>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "slf/error.h"
 #include "slf/field.h"
@@ -72,5 +73,11 @@ class RemoteField {
   std::shared_ptr<const HttpSource> source_;
   Field field_;
 };
+
+/// Opens a field by its path or its address. Adds a remote one to `remote`, for its traffic. Errors
+/// of Field::open() or RemoteField::open().
+[[nodiscard]] Result<Field> open_field(const std::string& place,
+                                       const ProgressCallback& progress = {},
+                                       std::vector<RemoteField>* remote = nullptr);
 
 }  // namespace slf

@@ -16,18 +16,6 @@
 namespace slf::python {
 namespace {
 
-Result<Field> open_field(const std::string& path, const ProgressCallback& progress) {
-  if (!is_address(path)) return Field::open(path);
-#ifdef SLF_REMOTE
-  return RemoteField::open(path, {}, progress).map([](const auto& remote) {
-    return remote.field();
-  });
-#else
-  return fail(ErrorCode::unsupported, path,
-              ": this slf was built without libcurl and does not read fields over HTTP");
-#endif
-}
-
 std::unique_ptr<OpenField> open(const Text& path, std::uint64_t memory, unsigned threads,
                                 py::object progress) {
   LongCall call(std::move(progress));
