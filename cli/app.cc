@@ -144,9 +144,10 @@ std::unique_ptr<CLI::App> make_app(Run& run) {
   app->fallthrough();
 
   for (AddCommand* add :
-       {add_build,   add_cameras, add_pictures, add_info,     add_render, add_pick,   add_play,
-        add_raycast, add_measure, add_evaluate, add_compare,  add_repack, add_merge,  add_verify,
-        add_ls,      add_tile,    add_diff,     add_transfer, add_view,   add_export, add_help})
+       {add_build,    add_cameras, add_pictures, add_info,     add_render,  add_pick,
+        add_play,     add_raycast, add_measure,  add_evaluate, add_compare, add_repack,
+        add_reveal,   add_merge,   add_verify,   add_ls,       add_tile,    add_diff,
+        add_transfer, add_view,    add_export,   add_help})
     add(*app, run);
   app->footer(std::string(kFirstField) + kFooter);
   for (CLI::App* command : app->get_subcommands({}))

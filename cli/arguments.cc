@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <array>
 #include <cctype>
 #include <cmath>
@@ -5,6 +6,7 @@
 
 #include "base/byte_count.h"
 #include "base/file.h"
+#include "base/try.h"
 #include "cli/command.h"
 #include "source/recipe/options.h"
 
@@ -255,11 +257,12 @@ void DrawArguments::add_resources_to(CLI::App& command) {
   add_bytes(command, "--memory", memory, "Budget for decoded tiles and scratch");
   add_threads(command, threads);
   add_structures_to(command);
+  add_cut_to(command);
 }
 
 RendererOptions DrawArguments::renderer() const {
   RendererOptions options;
-  options.memory = memory;
+  options.memory = cut.raycast.clip.empty() || cap == "hollow" ? memory : memory - memory_of_cap();
   options.threads = threads;
   return options;
 }
@@ -270,8 +273,12 @@ Result<ViewOptions> DrawArguments::view(const Field& field, std::optional<Camera
   view.level = level == kFinest ? field.shape().levels : level;
   if (level == kMatchingLevel && camera)
     view.level = matching_level(field.shape(), *camera, view.mode);
+  const auto built = raycast_options(field.provenance()).clip;  // which may be named again
+  for (const ClipPlane& plane : cut.raycast.clip)
+    if (std::ranges::find(built, plane) == built.end()) view.clip.push_back(plane);
   if (auto ok = check_view(field, view); !ok)
-    return with_hint(ok.error(), "see --mode and --level");
+    return with_hint(ok.error(), ok.error().choice ? "see --clip" : "see --mode and --level");
+  if (!view.clip.empty()) view.cap = SLF_TRY(cap_of(field, view.clip));
   return view;
 }
 

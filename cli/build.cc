@@ -31,6 +31,7 @@ Result<void> run_build(const BuildArguments& arguments) {
   const auto made = SLF_TRY(hinted(make_scenes(source)));
   const auto states = field_states(made);
   options.shape.sphere = field_sphere(source, states);
+  options.reveal = SLF_TRY(hinted(reveal_code(source, states)));
   options.replace = arguments.force;
   const auto report = SLF_TRY(
       hinted(build_field(states, output, options, progress_bar("build", "rays", OnSignal::stop))));

@@ -21,6 +21,7 @@
 #include "base/report.h"
 #include "slf/build.h"
 #include "slf/camera.h"
+#include "slf/cut.h"
 #include "slf/error.h"
 #include "slf/field.h"
 #include "slf/recipe.h"
@@ -47,8 +48,8 @@ void complete(const CLI::App& app, std::vector<std::string> words);
 /// Adds a command, one of those that are listed in cli/app.cc.
 using AddCommand = void(CLI::App& app, Run& run);
 AddCommand add_build, add_cameras, add_pictures, add_info, add_render, add_pick, add_play,
-    add_raycast, add_measure, add_evaluate, add_compare, add_repack, add_merge, add_verify, add_ls,
-    add_tile, add_diff, add_transfer, add_view, add_export;
+    add_raycast, add_measure, add_evaluate, add_compare, add_repack, add_reveal, add_merge,
+    add_verify, add_ls, add_tile, add_diff, add_transfer, add_view, add_export;
 
 // ---- output ------------------------------------------------------------------------------------
 
@@ -416,17 +417,25 @@ struct DrawArguments {
   std::uint64_t memory = 256ull << 20;
   unsigned threads = 0;
   std::vector<std::string> structures;
+  SourceArguments cut;  // of which the planes count
+  std::string cap;      // empty: shaded, if the field has a reveal
 
-  /// Adds all options but --mode and --level.
+  /// Adds all options but --mode and --level; before others that may be named --clip.
   void add_resources_to(CLI::App& command);
   void add_to(CLI::App& command);
   void add_structures_to(CLI::App& command);
+  void add_cut_to(CLI::App& command);
   [[nodiscard]] RendererOptions renderer() const;
+  /// The part of the memory that a cap has, if any.
+  [[nodiscard]] std::uint64_t memory_of_cap() const { return memory / 4 * 3; }
   /// The files that are drawn from.
   [[nodiscard]] std::vector<std::string> inputs(const FieldArguments& field) const;
   /// The field, composed of the structures that are given, if any. Without any, and without a
   /// state, a field whose states are the structures of a label volume is composed of all.
   [[nodiscard]] Result<Field> open(const FieldArguments& field) const;
+  /// The scene that --cap names for the planes; null: the cut is hollow, or there is none.
+  [[nodiscard]] Result<std::shared_ptr<const Scene>> cap_of(const Field& field,
+                                                            std::span<const ClipPlane> clip) const;
   /// Resolves --level auto for `camera`. Without a camera it stays kMatchingLevel.
   [[nodiscard]] Result<ViewOptions> view(const Field& field,
                                          std::optional<Camera> camera = {}) const;

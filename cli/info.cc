@@ -17,6 +17,26 @@ struct InfoArguments {
   bool json = false, recipe = false;
 };
 
+/// What the file says of its reveal, whichever state is shown.
+struct RevealInfo {
+  std::uint64_t bytes = 0;  ///< 0: there is none, or it is damaged
+  std::array<std::uint32_t, 3> dims{};
+  bool labels = false;
+
+  static RevealInfo of(const Field& field) {
+    const auto code = field.file().reveal();
+    if (code && code->empty()) return {};
+    const auto head = code ? decode_reveal(*code, RevealPart::head) : tl::unexpected(code.error());
+    if (!head) note(field.path() + ": " + head.error().message);
+    return head ? RevealInfo{code->size(), head->dims, !head->ids.empty()} : RevealInfo();
+  }
+  void describe(auto& member) const {
+    member("bytes", bytes, "");
+    member("dims", dims, "voxels along x, y, z");
+    member("labels", labels, "whether it holds ids");
+  }
+};
+
 /// What slf build makes the field of, but for files that are not named.
 nlohmann::json recipe_json(const Field& field) {
   const FieldShape& shape = field.shape();
@@ -43,6 +63,8 @@ nlohmann::json recipe_json(const Field& field) {
                  {"codec", field.codec()},
                  {"depth", field.has_depth()},
                  {"color_type", is_half(field.format()) ? "half" : "u8"}});
+  if (const auto reveal = RevealInfo::of(field); reveal.bytes > 0)
+    recipe["reveal"] = std::max(16u, *std::ranges::max_element(reveal.dims));
   if (recipe.contains("each_label") || recipe.contains("each_time")) return recipe;
   for (std::size_t k = 0; k < states.size(); ++k) {
     const nlohmann::json own = recipe_of(*field.in_state(static_cast<unsigned>(k)));
@@ -88,6 +110,7 @@ struct FieldInfo {
   nlohmann::json manifest = nlohmann::json::object();
   FieldContent content{};
   std::uint32_t entry_resolution = 0, exit_resolution = 0;
+  RevealInfo reveal{};
 
   /// A member of the manifest.
   template <class T>
@@ -123,6 +146,8 @@ struct FieldInfo {
     member("entry_resolution", entry_resolution, "of the finest level", kPositive);
     member("exit_resolution", exit_resolution, "of the finest level", kPositive);
     content.describe(member);
+    member("reveal", reveal.bytes > 0 ? &reveal : nullptr,
+           "the copy of the volume that cuts show; only if there is one");
   }
 };
 
@@ -150,6 +175,9 @@ void print_field(const Field& field, const FieldContent& content) {
           light->contains("environment") ? "an environment picture and the lights of " : "rig ",
           lighting.rig.name, lighting.samples);
   }
+  if (const auto [bytes, dims, labels] = RevealInfo::of(field); bytes > 0)
+    print("reveal  {}x{}x{} {}, {}\n", dims[0], dims[1], dims[2], labels ? "labels" : "bytes",
+          human_bytes(bytes));
   const std::vector<std::string> states = field.states();
   for (std::size_t state = 0; state < states.size(); ++state)
     print("state   {}: {}\n", state, states[state]);
@@ -407,7 +435,8 @@ Result<void> run_info(const InfoArguments& arguments) {
   if (arguments.json) {
     const FieldShape& shape = field.shape();
     const FieldInfo info{nlohmann::json::parse(field.manifest()), content,
-                         shape.entry_resolution(shape.levels), shape.exit_resolution(shape.levels)};
+                         shape.entry_resolution(shape.levels), shape.exit_resolution(shape.levels),
+                         RevealInfo::of(field)};
     print_json(info);
   } else {
     print_field(field, content);

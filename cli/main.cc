@@ -50,6 +50,20 @@ Result<void> flush_output() {
   return slf::fail(ErrorCode::io, "stdout: cannot write");
 }
 
+/// The arguments, in reverse as CLI11 takes them: --reveal may stand without its number.
+std::vector<std::string> arguments_of(int argc, char** argv) {
+  std::vector<std::string> words;
+  for (int k = argc; --k > 0;) {
+    const auto is_number = [](std::string_view word) {
+      return !word.empty() && word.find_first_not_of("0123456789") == std::string_view::npos;
+    };
+    if (argv[k] == std::string_view("--reveal") && (words.empty() || !is_number(words.back())))
+      words.push_back(std::to_string(slf::RevealOptions().side));
+    words.emplace_back(argv[k]);
+  }
+  return words;
+}
+
 int run_command(int argc, char** argv) {
   slf::cli::Run run;
   const auto app = slf::cli::make_app(run);
@@ -59,7 +73,7 @@ int run_command(int argc, char** argv) {
     return 0;
   }
   try {
-    app->parse(argc, argv);
+    app->parse(arguments_of(argc, argv));
     done = run();
   } catch (const CLI::ParseError& error) {
     if (error.get_exit_code() != 0)

@@ -102,7 +102,7 @@ Result<void> run_measure(const MeasureArguments& a) {
           const bool all = draw.level == kAllLevels;
           if (all) draw.level = DrawArguments::kFinest;
           const auto view = SLF_TRY(draw.view(field, cameras.front()));
-          MeasureOptions options{cameras, view.mode, {}, draw.renderer()};
+          MeasureOptions options{cameras, view.mode, {}, draw.renderer(), view.clip, view.cap};
           if (!all) options.levels = {view.level};
           const auto m = SLF_TRY(
               measure_views(field, options, progress_bar("measure", "views", OnSignal::end)));
@@ -227,6 +227,7 @@ Result<void> run_evaluate(const EvaluateArguments& a) {
   const auto view = SLF_TRY(a.draw.view(field, cameras.front()));
   SourceArguments source = a.source;
   source.truth_of = field.provenance();
+  source.raycast.clip = a.draw.cut.raycast.clip;
   SLF_TRY(source.finish(a.draw.threads, OnSignal::end));
   const auto scene = SLF_TRY(hinted(make_scene(source)));
   if (const auto light = field.light(); !light)
@@ -307,8 +308,9 @@ void add_evaluate(CLI::App& app, Run& run) {
       ->excludes("--volume");
   a->source.add_to(*command, [](const recipe::Option& option) {
     using recipe::Use;
-    return option.use == Use::reading || option.use == Use::data || option.use == Use::cost ||
-           option.use == Use::truth;
+    return (option.use == Use::reading || option.use == Use::data || option.use == Use::cost ||
+            option.use == Use::truth) &&
+           option.name != std::string_view("clip");  // of DrawArguments
   });
   command->get_option("--transfer")
       ->description(

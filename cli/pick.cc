@@ -70,9 +70,10 @@ Result<void> run_pick(const Arguments& a) {
   const auto camera = SLF_TRY(a.camera.camera(field.shape().sphere));
   const auto provenance = nlohmann::json::parse(field.provenance());
   const std::string unit = text_of(provenance, "unit", "");
+  const auto view = SLF_TRY(a.draw.view(field));
   Renderer renderer(field, a.draw.renderer());
   for (const auto& [x, y] : pixels) {
-    const auto found = SLF_TRY(pick(renderer, camera, x, y));
+    const auto found = SLF_TRY(pick(renderer, camera, x, y, view));
     if (a.json)
       print("{}\n", report::json_of(Picked{{x, y}, found, unit}).dump());
     else if (found)

@@ -175,8 +175,12 @@ bool wait_until(Clock::time_point due) {
 class StatePlayers {
  public:
   /// `states`: none for the one that the field shows.
-  StatePlayers(Field field, std::span<const unsigned> states, PlayOptions options)
-      : field_(std::move(field)), states_(states.begin(), states.end()), options_(options) {
+  StatePlayers(Field field, std::span<const unsigned> states, PlayOptions options,
+               const DrawArguments& draw)
+      : field_(std::move(field)),
+        states_(states.begin(), states.end()),
+        options_(std::move(options)),
+        draw_(draw) {
     if (!states_.empty()) options_.renderer.memory /= window();
   }
 
@@ -221,13 +225,16 @@ class StatePlayers {
   [[nodiscard]] Result<Player> make(std::size_t k) const {
     if (states_.empty()) return Player::make(field_, options_);
     const auto shown = SLF_TRY(field_.in_state(states_[slot(k)]));
-    return Player::make(shown, options_);
+    PlayOptions options = options_;
+    if (options.view.cap) options.view.cap = SLF_TRY(draw_.cap_of(shown, options.view.clip));
+    return Player::make(shown, options);
   }
 
   static constexpr std::size_t kStatesAhead = 4;
   const Field field_;
   const std::vector<unsigned> states_;
   PlayOptions options_;
+  const DrawArguments& draw_;
   std::map<std::size_t, Made> players_;
 };
 
@@ -259,7 +266,7 @@ Result<PlayResult> play(const PlayArguments& a, const PlayOptions& options, Fram
   PlayOptions play_options = options;
   play_options.view = view;
   const auto states = SLF_TRY(states_to_play(a, field));
-  StatePlayers players(field, states, play_options);
+  StatePlayers players(field, states, play_options, a.draw);
 
   PlayResult played{options.loading};
   ResidentMemory peak;

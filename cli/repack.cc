@@ -18,7 +18,7 @@ struct RepackArguments {
   bool merge = false, split = false;
   Subfields subfields;
   RepackOptions repack;
-  bool force = false, dry_run = false, no_light = false, json = false;
+  bool force = false, dry_run = false, no_light = false, no_reveal = false, json = false;
 };
 
 /// A file of --split-states.
@@ -83,6 +83,7 @@ Result<void> run_repack(const RepackArguments& a) {
   bound_freed_memory(a.repack.memory);
   RepackOptions options = a.repack;
   options.light = !a.no_light;
+  options.reveal = !a.no_reveal;
   options.subfields = a.subfields.numbers;
   options.replace = a.force;
   std::vector<StateSource> states;
@@ -193,6 +194,8 @@ void add_repack(CLI::App& app, Run& run) {
   command->add_flag("--no-light", a->no_light,
                     "Leave out the light volume, which views do not need; evaluate then computes\n"
                     "it again");
+  command->add_flag("--no-reveal", a->no_reveal,
+                    "Leave out the copy of the volume that cuts show the inside of");
   add_budget(*command, a->repack.memory);
   add_threads(*command, a->repack.threads);
   add_json<RepackReport, RepackEstimate, std::vector<SplitState>>(*command, a->json);
@@ -203,8 +206,8 @@ void add_verify(CLI::App& app, Run& run) {
       app, run, "verify", "Check structure, counts, every checksum, and that every tile decodes",
       run_verify);
   command->footer(R"(
-Findings: S1 a page is damaged, M1 manifest or tables, L1 the light volume, R1 a record, K1 a tile
-that should not be, T1 a checksum, T2 a tile does not decode, T3 a tile that it is predicted from is
+Findings: S1 a page is damaged, M1 manifest or tables, L1 the light volume, V1 the reveal, R1 a
+record, K1 a tile that should not be, T1 a checksum, T2 a tile does not decode, T3 a tile that it is predicted from is
 lost, C1 tiles are missing.
 Exit code 0 when all is good or only tiles are missing, 3 when something is damaged and, with
 --fix, could not be dropped (S1, M1).)");

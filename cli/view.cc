@@ -127,7 +127,7 @@ struct ExportArguments {
   std::string field, output, views;
   FirstArguments first;
   page::ExportOptions options;
-  bool force = false, json = false;
+  bool force = false, no_reveal = false, json = false;
 };
 
 Result<void> run_export(const ExportArguments& a) {
@@ -135,6 +135,7 @@ Result<void> run_export(const ExportArguments& a) {
   options.existing = a.force ? Existing::replace : Existing::keep;
   if (!a.views.empty()) options.views = SLF_TRY(page::read_views(a.views));
   options.first = a.first;
+  options.repack.reveal = !a.no_reveal;
   if (!options.states.empty()) {
     const auto field = SLF_TRY(open_field(a.field));
     options.states = join_names(field, options.states);
@@ -201,6 +202,7 @@ void add_export(CLI::App& app, Run& run) {
   command->add_option("--levels", a->options.repack.levels, "The finest level to keep");
   command->add_option("--codec", a->options.repack.codec, "As in slf repack")->type_name(kCodec);
   add_no_depth(*command, a->options.repack.depth, "As in slf repack");
+  command->add_flag("--no-reveal", a->no_reveal, "As in slf repack");
   add_bytes(*command, "--max-size", a->options.max_size,
             "Choose quality and levels so that the page fits; 0: no limit");
   command->add_option("--views", a->views, kViews)->type_name(kViewsFile);

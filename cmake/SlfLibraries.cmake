@@ -1,8 +1,9 @@
 # The libraries that are installed, and the rooms that each holds. A program that stores, repacks,
 # serves or draws fields links none of slf::source.
-slf_library(core ROOMS base storage codec geometry predict field tiles render)
+slf_library(core ROOMS base storage codec geometry predict reveal scene field tiles
+  render)
 slf_library(image ROOMS image LINKS core)
-slf_library(write ROOMS storage_writer scene inspect write LINKS image)
+slf_library(write ROOMS storage_writer inspect write LINKS image)
 slf_library(source LINKS write
   ROOMS documents volume transfer medium light raycast analytic mesh pictures recipe measure)
 slf_library(remote ROOMS remote LINKS core)

@@ -194,9 +194,11 @@ Result<FieldContent> FieldFile::content(std::optional<unsigned> state) const {
   return content;
 }
 
-Result<ByteSpan> FieldFile::light() const {
-  const auto kept = SLF_TRY(store_.has_blob(kLightBlob));
-  return kept ? store_.blob(kLightBlob) : Result<ByteSpan>();
+Result<ByteSpan> FieldFile::light() const { return kept(kLightBlob); }
+
+Result<ByteSpan> FieldFile::kept(const char* blob) const {
+  const auto any = SLF_TRY(store_.has_blob(blob));
+  return any ? store_.blob(blob) : Result<ByteSpan>();
 }
 
 Result<Field> Field::open(const std::string& path) {
@@ -280,6 +282,16 @@ Result<std::vector<std::byte>> Field::light() const {
     if (state_ > 0) return std::vector<std::byte>();  // that of the first state is kept
     const auto light = SLF_TRY(file_->light());
     return std::vector<std::byte>(light.begin(), light.end());
+  });
+}
+Result<std::optional<Reveal>> Field::reveal(RevealPart part) const {
+  return guarded([&]() -> Result<std::optional<Reveal>> {
+    const auto code = SLF_TRY(file_->reveal());
+    if (code.empty()) return std::nullopt;
+    auto reveal = decode_reveal(code, part);
+    if (!reveal) return fail(reveal.error().code, path(), ": ", reveal.error().message);
+    if (reveal->content != content_of(provenance())) return std::nullopt;
+    return std::optional(std::move(*reveal));
   });
 }
 std::string Field::manifest() const { return file_->manifest().to_json()->dump(); }

@@ -3,6 +3,7 @@
 
 #include <array>
 #include <functional>
+#include <map>
 #include <memory>
 #include <mutex>
 #include <optional>
@@ -27,6 +28,9 @@ namespace slf {
 inline constexpr const char* kManifestBlob = "field";
 inline constexpr const char* kTablesBlob = "tables";
 inline constexpr const char* kLightBlob = "light";
+inline constexpr const char* kRevealBlob = "reveal";
+/// Those that views do not need, by name. Without bytes: none.
+using KeptBlobs = std::map<std::string, Bytes>;
 
 /// Through how many other states a tile can be predicted (doc/decisions/states.md).
 inline constexpr unsigned kMaxChain = 1;
@@ -59,9 +63,12 @@ class FieldFile {
   [[nodiscard]] const FieldShape& shape_of_state() const { return shape_of_state_; }
   [[nodiscard]] const storage::TileStore& store() const { return store_; }
 
-  /// The light of the field's scene, which views the map; no bytes if the field has none. bad_file:
-  /// it is damaged.
+  /// The light of the field's scene, and the code of its reveal, which view the map; no bytes if
+  /// the field has none. bad_file: the checksum is wrong.
   [[nodiscard]] Result<ByteSpan> light() const;
+  [[nodiscard]] Result<ByteSpan> reveal() const { return kept(kRevealBlob); }
+  /// One of KeptBlobs, whichever state this shows.
+  [[nodiscard]] Result<ByteSpan> kept(const char* blob) const;
 
   [[nodiscard]] SampleFormat format() const { return manifest().format; }
   [[nodiscard]] bool has_depth() const { return slf::has_depth(format()); }

@@ -286,12 +286,15 @@ Result<Descriptor> repack_if_requested(const Field& field, std::string output,
                         "the page alone is larger; allow 1MiB or more");
   const auto light = field.light();
   const bool drops_light = states.size() == 1 && (!light || !light->empty());
+  const auto reveal = field.file().reveal();
+  const bool drops_reveal = !repack.reveal && (!reveal || !reveal->empty());
   // Older versions kept the path of the source, which is not for the public.
   const auto own = nlohmann::json::parse(field.provenance());
   const bool tells = own.contains("content") && own.contains("source") &&
                      own["source"].dump().find('/') != std::string::npos;
-  const bool as_it_is = !drops_light && !field.structures() && options.states.empty() &&
-                        !repack.levels && repack.codec.empty() && repack.depth && !tells;
+  const bool as_it_is = !drops_light && !drops_reveal && !field.structures() &&
+                        options.states.empty() && !repack.levels && repack.codec.empty() &&
+                        repack.depth && !tells;
   // In a folder, a field without an index gets one and so becomes larger; a repacked one has it.
   const bool fits = !limited || (one_file && field.file_bytes() <= room);
   if (as_it_is && fits) return check_tiles(field).map([] { return Descriptor(); });

@@ -253,7 +253,9 @@ Result<Measurement> measure_views(const Field& field, const MeasureOptions& opti
       kernel.begin();
       Renderer renderer(field, options.renderer);
       ViewStatistics statistics;
-      SLF_TRY(renderer.render(options.cameras[v], {options.mode, level, false}, &statistics));
+      ViewOptions view{options.mode, level};
+      view.clip = options.clip, view.cap = options.cap;
+      SLF_TRY(renderer.render(options.cameras[v], view, &statistics));
       const std::uint64_t read = kernel.pages_read(), mapped = kernel.mapped();
       const auto pairs = SLF_TRY(crossed_pairs(field.shape(), options.cameras[v], level));
       const auto file = SLF_TRY(footprint(field, statistics.tiles));

@@ -1,6 +1,7 @@
 #include "field/render/block_renderer.h"
 
 #include <algorithm>
+#include <array>
 #include <cstring>
 #include <limits>
 #include <utility>
@@ -35,6 +36,7 @@ void BlockRenderer::begin(std::atomic<std::uint32_t>& frame, const ViewOptions& 
   options_ = options;
   eye_ = eye;
   image_ = &image;
+  kept_ = KeptSpace(options.clip, field_.shape().sphere, eye);
   gatherer_.begin(frame, options.needs_depth());
   counts_.hit = 0;
   counts_.level.assign(options.level + 1, 0);
@@ -45,6 +47,8 @@ Result<void> BlockRenderer::draw(const CameraBasis& basis, const PixelBlock& blo
   cast_rays(basis, block, rays_);
   if (rays_.count < std::size_t{block.x1 - block.x0} * (block.y1 - block.y0)) clear(block);
   counts_.hit += rays_.count;
+  cut_.count = 0;
+  if (!kept_.all()) separate_cut_rays();
   for (unsigned level = options_.level + 1; level-- > 0 && rays_.count > 0;) {
     unavailable_.count = 0;
     const std::size_t rays = rays_.count;
@@ -52,11 +56,51 @@ Result<void> BlockRenderer::draw(const CameraBasis& basis, const PixelBlock& blo
     counts_.level[level] += rays - unavailable_.count;
     std::swap(rays_, unavailable_);
   }
-  for (std::size_t k = 0; k < rays_.count; ++k) {  // rays that lack a tile even at level 0
-    image_->rgba[rays_.pixel[k]] = glm::vec4(0);
-    if (options_.with_depth) image_->depth[rays_.pixel[k]] = kNoDistance;
-  }
+  for (std::size_t k = 0; k < rays_.count; ++k)  // rays that lack a tile even at level 0
+    set_empty(rays_.pixel[k]);
+  if (cut_.count > 0) trace_cut_rays();
   return {};
+}
+
+void BlockRenderer::set_empty(std::uint32_t pixel) {
+  image_->rgba[pixel] = glm::vec4(0);
+  if (options_.with_depth) image_->depth[pixel] = kNoDistance;
+}
+
+void BlockRenderer::separate_cut_rays() {
+  const std::size_t count = std::exchange(rays_.count, 0);
+  for (std::size_t k = 0; k < count; ++k) {
+    const auto [begin, end] = kept_.of(point(rays_.enter, k), point(rays_.leave, k));
+    if (begin < end && !(begin > 0 && options_.cap)) {
+      append_ray(rays_, k, rays_);
+      continue;
+    }
+    if (begin < end)
+      append_ray(rays_, k, cut_);
+    else
+      set_empty(rays_.pixel[k]);
+    ++counts_.level[options_.level];
+  }
+}
+
+void BlockRenderer::trace_cut_rays() {
+  const Sphere& sphere = field_.shape().sphere;
+  std::array<Segment, kBlockRays> rays;
+  std::array<RaySample, kBlockRays> samples;
+  for (std::size_t k = 0; k < cut_.count; ++k)
+    rays[k] = {kept_.eye_inside ? eye_ : sphere.center + sphere.radius * point(cut_.enter, k),
+               sphere.center + sphere.radius * point(cut_.leave, k)};
+  const std::size_t count = cut_.count;
+  options_.cap->trace_many(std::span(rays).first(count), std::span(samples).first(count));
+  for (std::size_t k = 0; k < count; ++k) {
+    const auto& [from, to] = rays[k];
+    const std::uint32_t pixel = cut_.pixel[k];
+    set_empty(pixel);
+    image_->rgba[pixel] = samples[k].rgba;
+    if (options_.with_depth && samples[k].rgba.a > 0)
+      image_->depth[pixel] =
+          static_cast<float>(glm::distance(eye_, from + double{samples[k].depth} * (to - from)));
+  }
 }
 
 /// Prefetches the cache lines of the pixels: pictures are larger than caches.
@@ -101,15 +145,25 @@ Result<void> BlockRenderer::draw_level(const LevelGeometry& geometry) {
 Result<void> BlockRenderer::gather_and_blend(const LevelGeometry& geometry, const Pass& pass) {
   const bool wait = options_.wait || geometry.level() == 0;
   SLF_TRY(gatherer_.gather(geometry, wait, rays_.count, entries_, pass));
-  const BlockSamples& samples = gatherer_.samples();
+  BlockSamples& samples = gatherer_.samples();
   const bool half_floats = gatherer_.half_floats();
   DepthEstimates& estimates = refinement_.estimates();
   glm::vec4* const picture = image_->rgba.data();
+  const bool cuts = !kept_.all() && !pass.cubic;
+  if (cuts) cut_samples(pass, rays_, entries_, kept_, half_floats, samples, became_);
   if (pass.cubic)
     add_cubic(pass, rays_, entries_, samples, half_floats, estimates, picture);
   else
     blend(pass, rays_, entries_, samples, half_floats, picture, estimates);
   if (options_.with_depth) write_distances();
+  for (std::size_t k = 0; cuts && k < rays_.count; ++k) {
+    const auto became = static_cast<CutRay>(became_[k]);
+    if (became == CutRay::whole) continue;
+    estimates.contrast[k] = 0;  // a cubic needs all samples
+    if (became == CutRay::cut || !options_.cap || gatherer_.unavailable(k)) continue;
+    append_ray(rays_, k, cut_);
+    estimates.step[k] = 0;  // no further passes
+  }
   if (gatherer_.any_unavailable())
     for (std::size_t k = 0; k < rays_.count; ++k)
       if (gatherer_.unavailable(k)) {

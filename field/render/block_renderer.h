@@ -3,6 +3,8 @@
 // A block passes through the stages
 //   cast (ray_kernel.h) -> locate (ray_kernel.h) -> gather (sample_gatherer.h)
 //        -> blend (blend_kernel.h) -> refine (depth_refinement.h) -> bend (cubic_kernel.h)
+// With planes, samples beyond them are made empty between gather and blend (cut.h). Rays whose
+// samples cannot tell what the planes lay open are traced through a scene in the end.
 // Modes differ in the weights that locate computes. Only mode depth refines: it locates, gathers
 // and blends again, and in the end interpolates cubically where samples differ. Rays that need an
 // unavailable tile pass through the stages of the next coarser level.
@@ -13,6 +15,7 @@
 #include <glm/glm.hpp>
 #include <vector>
 
+#include "field/render/cut.h"
 #include "field/render/depth_refinement.h"
 #include "field/render/ray_block.h"
 #include "field/render/ray_kernel.h"
@@ -49,7 +52,11 @@ class BlockRenderer {
   [[nodiscard]] Result<void> gather_and_blend(const LevelGeometry& geometry, const Pass& pass);
   void prefetch(const PixelBlock& block);
   void clear(const PixelBlock& block);
+  void set_empty(std::uint32_t pixel);
   void write_distances();
+  /// Leaves to the field the rays that begin in what planes leave.
+  void separate_cut_rays();
+  void trace_cut_rays();
 
   const FieldFile& field_;
   SampleGatherer gatherer_;
@@ -57,6 +64,9 @@ class BlockRenderer {
   glm::dvec3 eye_{0.0};
   Image* image_ = nullptr;
   RayBlock rays_, unavailable_;  // the level's rays; those left to the next coarser level
+  KeptSpace kept_;
+  RayBlock cut_;                    // rays through ViewOptions::cap
+  RayArray<std::uint32_t> became_;  // CutRay of the level's rays
   EntryCells entries_;
   ExitCells exits_;
   DepthRefinement refinement_;

@@ -7,7 +7,7 @@
 namespace slf {
 
 Result<std::optional<PickedPoint>> pick(Renderer& renderer, const Camera& camera, double x,
-                                        double y) try {
+                                        double y, const ViewOptions& cut) try {
   const auto rays = SLF_TRY(RayGenerator::make(camera));
   if (!(x >= 0 && x < camera.width && y >= 0 && y < camera.height))
     return fail(ErrorCode::usage, "no pixel ", x, ",", y, " in a picture of ", camera.width, "x",
@@ -23,7 +23,8 @@ Result<std::optional<PickedPoint>> pick(Renderer& renderer, const Camera& camera
   Camera around{rays.eye(), rays.eye() + ray, -rays.down()};
   around.width = around.height = 3;
   around.fov = 2 * glm::degrees(std::atan(1.5 * spacing / distance));
-  const ViewOptions view{RenderMode::depth, shape.levels, true};
+  ViewOptions view = cut;
+  view.mode = RenderMode::depth, view.level = shape.levels, view.with_depth = true;
   const auto picture = SLF_TRY(renderer.render(around, view));
   constexpr std::size_t kMiddle = 4;
   if (picture.rgba[kMiddle].a < 0.5f) return std::nullopt;

@@ -118,6 +118,17 @@ Result<void> check_view(const Field& field, const ViewOptions& options) try {
                   field.shape().levels);
   if (options.needs_depth() && !field.has_depth())
     return misuse(field.path(), "has no depth, which mode depth needs; mode bitri needs none");
+  if (options.clip.size() > ViewOptions::kMaxClip)
+    return fail_without("clip", ErrorCode::usage, "planes ", options.clip.size(),
+                        ": expected at most ", ViewOptions::kMaxClip);
+  if (!options.clip.empty() && options.mode != RenderMode::depth)
+    return fail_without("clip", ErrorCode::usage, "planes need mode depth, not ",
+                        name(options.mode));
+  for (const auto& [point, normal] : options.clip)
+    if (const double length = glm::length(normal);
+        !(length > 0) || !std::isfinite(length + glm::length(point)))
+      return fail_without("clip", ErrorCode::usage,
+                          "expected a point and a normal, not zero and finite");
   return {};
 } catch (...) {
   return tl::unexpected(error_of_exception());
@@ -142,6 +153,28 @@ namespace {
 ViewOptions resolved(ViewOptions options, const FieldShape& shape, const Camera& camera) {
   if (options.level == kMatchingLevel) options.level = matching_level(shape, camera, options.mode);
   return options;
+}
+
+/// Some of the rays that are traced through a view's cap, which are known without the field.
+std::vector<Segment> some_cut_rays(const ViewOptions& options, const Sphere& sphere,
+                                   const RayGenerator& rays, const Camera& camera) {
+  const KeptSpace kept(options.clip, sphere, camera.eye);
+  std::vector<Segment> some;
+  const std::uint32_t step = 1 + std::max(camera.width, camera.height) / 128;
+  for (std::uint32_t y = 0; y < camera.height; y += step)
+    for (std::uint32_t x = 0; x < camera.width; x += step) {
+      const auto [origin, direction] = rays.ray(x, y);
+      const Chord chord = intersect(sphere, origin, direction);
+      if (!chord.hit || chord.leave <= 0) continue;
+      const auto at = [&, &from = origin, &along = direction](double t) {
+        return from + t * along;
+      };
+      const auto unit = [&](double t) { return (at(t) - sphere.center) / sphere.radius; };
+      const auto [begin, end] = kept.of(unit(chord.enter), unit(chord.leave));
+      if (begin > 0 && begin < end)
+        some.push_back({at(std::max(chord.enter, 0.0)), at(chord.leave)});
+    }
+  return some;
 }
 
 CameraBasis make_basis(const Sphere& sphere, const RayGenerator& rays, std::uint32_t width) {
@@ -313,6 +346,8 @@ Result<void> Renderer::draw(const Camera& camera, const ViewOptions& requested, 
       return reporter.add(blocks.count());
     }
   }
+  if (options.cap && !options.clip.empty())
+    SLF_TRY(options.cap->prepare_for(some_cut_rays(options, field.shape().sphere, rays, camera)));
   cache.reset_peak();
   const auto threads =
       static_cast<unsigned>(std::min<std::size_t>(state_->renderers.size(), blocks.count()));

@@ -36,7 +36,7 @@ class SampleGatherer {
                                     const EntryCells& entries, const Pass& pass);
 
   /// The samples of the last pass. The next gather() overwrites them.
-  [[nodiscard]] const BlockSamples& samples() const { return samples_; }
+  [[nodiscard]] BlockSamples& samples() { return samples_; }
   [[nodiscard]] bool half_floats() const { return is_half(format_); }
   /// Whether any ray of the last pass needs an unavailable tile, or a certain ray does.
   [[nodiscard]] bool any_unavailable() const { return tiles_.any_unavailable(); }

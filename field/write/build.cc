@@ -43,15 +43,19 @@ struct EarlierBuild {
   TileSelection missing;
   std::uint64_t transaction = 0;  ///< the commit that was read
   CodecPointer codec;
-  Bytes light;            ///< that the file keeps; none if it is damaged
+  KeptBlobs kept;         ///< by the file, but for what is damaged
   bool in_place = false;  ///< it has the output's name, not that of a draft
 };
 
-/// The light that a field keeps; no bytes if it is damaged, since it can be computed again.
-Result<Bytes> light_of(const FieldFile& field) {
-  const auto light = field.light();
-  if (!light && light.error().code != ErrorCode::bad_file) return tl::unexpected(light.error());
-  return light ? Bytes(light->begin(), light->end()) : Bytes();
+/// What a field keeps, but for what is damaged, since that can be made again.
+Result<KeptBlobs> kept_of(const FieldFile& field) {
+  KeptBlobs kept;
+  for (const char* blob : {kLightBlob, kRevealBlob}) {
+    const auto bytes = field.kept(blob);
+    if (!bytes && bytes.error().code != ErrorCode::bad_file) return tl::unexpected(bytes.error());
+    if (bytes) kept[blob].assign(bytes->begin(), bytes->end());
+  }
+  return kept;
 }
 
 /// The selected tiles that are missing in a field. bad_file: a record cannot be read.
@@ -88,9 +92,9 @@ Result<std::optional<EarlierBuild>> find_earlier_build(const FieldOutput& output
   manifest.filtered_levels = existing.filtered_levels;
   auto missing = SLF_TRY(missing_tiles(**field, selection));
   auto codec = SLF_TRY(codec_of(**field));
-  auto light = SLF_TRY(light_of(**field));
+  auto kept = SLF_TRY(kept_of(**field));
   return EarlierBuild{std::move(missing), (*field)->store().transaction(), std::move(codec),
-                      std::move(light), in_place};
+                      std::move(kept), in_place};
 }
 
 /// Whether tiles are predicted from those of coarser levels.
@@ -176,13 +180,13 @@ Result<Manifest> plan(std::span<const FieldState> states, const BuildOptions& op
 
 /// Computes the scenes' light, unless an earlier build or another part kept it. Returns what is to
 /// be kept; none if the earlier build has it.
-Result<Bytes> prepare(std::span<const FieldState> states, bool keep, const EarlierBuild* earlier,
+Result<Bytes> prepare(std::span<const FieldState> states, bool keep, EarlierBuild* earlier,
                       const FieldFile* coarser) {
   const Scene& first = *states[0].scene;
-  const bool kept = earlier && first.set_light(earlier->light);
+  const bool kept = earlier && first.set_light(earlier->kept[kLightBlob]);
   if (coarser && !kept) {
-    const auto light = SLF_TRY(light_of(*coarser));
-    first.set_light(light);
+    auto others = SLF_TRY(kept_of(*coarser));
+    first.set_light(others[kLightBlob]);
   }
   for (const FieldState& state : states) SLF_TRY(state.scene->prepare());
   return keep && !kept ? first.light() : Bytes();
@@ -216,7 +220,12 @@ Result<BuildReport> build(std::span<const FieldState> states, const std::string&
   const TileSelection missing = earlier ? std::move(earlier->missing) : tiles;
   BuildReport report{.memory = budget.memory};
   report.resumed = tiles.count() - missing.count();
-  if (in_place && missing.count() == 0) return report;
+  const bool reveals =
+      !options.reveal.empty() && !(earlier && earlier->kept[kRevealBlob] == options.reveal);
+  if (in_place && missing.count() == 0) {
+    if (reveals) SLF_TRY(set_reveal(path, options.reveal));
+    return report;
+  }
 
   const TileTracer tracer(scenes, manifest, path);
   const TileOrder order(manifest.shape);
@@ -228,8 +237,9 @@ Result<BuildReport> build(std::span<const FieldState> states, const std::string&
   Reporter reporter(progress, begin,
                     path + ": interrupted; the same build goes on from here (" + file + ")");
   const GoOn go_on = [&] { return reporter.go_on(); };
-  const auto light = SLF_TRY(
-      prepare(states, options.keep_light, earlier ? &*earlier : nullptr, coarser.get()));
+  const KeptBlobs kept{{kLightBlob, SLF_TRY(prepare(states, options.keep_light,
+                                                    earlier ? &*earlier : nullptr, coarser.get()))},
+                       {kRevealBlob, reveals ? options.reveal : Bytes()}};
   const auto geometries = [&](unsigned level) -> const LevelGeometry& {
     return tracer.geometry(level);
   };
@@ -238,10 +248,11 @@ Result<BuildReport> build(std::span<const FieldState> states, const std::string&
               : coarser ? codec_of(*coarser)
                         : train_codec(tracer, geometries, manifest, budget.threads, go_on));
   auto writer = SLF_TRY(!earlier   ? FieldWriter::create(output, FieldWriter::Draft::keep, manifest,
-                                                         codec->tables(), light)
+                                                         codec->tables(), kept)
                         : in_place ? FieldWriter::edit(path, earlier->transaction)
                                    : FieldWriter::resume(output, earlier->transaction));
-  if (earlier && !light.empty()) SLF_TRY(writer.put_light(light));
+  for (const auto& [blob, bytes] : kept)
+    if (earlier && !bytes.empty()) SLF_TRY(writer.keep(blob, bytes));
 
   const TileCoder coder(manifest.shape, manifest.format, *codec, geometries, states.size() > 1);
   WritePlan plan{manifest, budget, &coder, tiles, {}, options.commit_seconds};
@@ -281,6 +292,17 @@ Sphere bounds_of(std::span<const FieldState> states) {
   if (same_center.radius <= first.radius) return first;
   const Sphere between = around(all.center);
   return same_center.radius <= between.radius ? same_center : between;
+}
+
+Result<void> set_reveal(const std::string& path, std::span<const std::byte> code) {
+  return guarded([&]() -> Result<void> {
+    auto field = SLF_TRY(FieldFile::open(path));
+    const std::uint64_t transaction = field->store().transaction();
+    field.reset();
+    auto writer = SLF_TRY(FieldWriter::edit(path, transaction));
+    SLF_TRY(writer.keep(kRevealBlob, code));
+    return writer.finish();
+  });
 }
 
 Result<BuildReport> build_field(const Scene& scene, const std::string& path,

@@ -134,10 +134,11 @@ Result<RepackEstimate> estimate_repack(const Field& handle, const RepackOptions&
   for (unsigned level = 0; level <= shape.levels; ++level)
     if (shape.tiles(level) <= kMaxIndexedTiles) indexed += shape.tiles(level);
   const double error = kDeviations * std::sqrt(total.variance);
-  const double file = total.bytes * (1 + kRecordShare) + kTileBytes * total.stored +
-                      static_cast<double>(order.count()) + kTreeBytes +
-                      kIndexedTileBytes * static_cast<double>(indexed) + kIndexBytes +
-                      static_cast<double>(codec->tables().size() + plan.light.size());
+  double file = total.bytes * (1 + kRecordShare) + kTileBytes * total.stored +
+                static_cast<double>(order.count()) + kTreeBytes +
+                kIndexedTileBytes * static_cast<double>(indexed) + kIndexBytes +
+                static_cast<double>(codec->tables().size());
+  for (const auto& [name, bytes] : plan.kept) file += static_cast<double>(bytes.size());
   const auto whole = [](double bytes) { return static_cast<std::uint64_t>(std::llround(bytes)); };
   RepackEstimate estimate;
   estimate.tiles = order.count();

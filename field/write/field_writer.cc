@@ -123,7 +123,8 @@ FieldWriter::~FieldWriter() {
 }
 
 Result<FieldWriter> FieldWriter::create(const FieldOutput& output, Draft draft,
-                                        const Manifest& manifest, ByteSpan tables, ByteSpan light) {
+                                        const Manifest& manifest, ByteSpan tables,
+                                        const KeptBlobs& kept) {
   // A build that finds its output goes on with it. If it is there now, it has just been finished.
   if (draft == Draft::keep && output.existing == Existing::keep && output.exists())
     return just_written(output.path);
@@ -132,7 +133,8 @@ Result<FieldWriter> FieldWriter::create(const FieldOutput& output, Draft draft,
   const auto text = SLF_TRY(encode(manifest, output.path));
   std::vector<std::pair<std::string, Bytes>> blobs{
       {kManifestBlob, text}, {kTablesBlob, Bytes(tables.begin(), tables.end())}};
-  if (!light.empty()) blobs.emplace_back(kLightBlob, Bytes(light.begin(), light.end()));
+  for (const auto& [name, bytes] : kept)
+    if (!bytes.empty()) blobs.emplace_back(name, bytes);
 
   const std::string file = draft == Draft::keep ? output.unfinished() : output.repacking();
   const auto busy = [&] {
@@ -221,7 +223,9 @@ Result<void> FieldWriter::put_missing(TileKey key) {
   return commit_when_due();
 }
 
-Result<void> FieldWriter::put_light(ByteSpan light) { return writer_->set_blob(kLightBlob, light); }
+Result<void> FieldWriter::keep(const std::string& blob, ByteSpan bytes) {
+  return writer_->set_blob(blob, bytes);
+}
 
 Result<void> FieldWriter::drop(TileKey key) {
   SLF_TRY(writer_->drop(key));

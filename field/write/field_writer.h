@@ -19,6 +19,7 @@
 
 #include "base/file.h"
 #include "base/go_on.h"
+#include "field/field_file.h"
 #include "field/manifest.h"
 #include "slf/error.h"
 #include "storage/tile_writer.h"
@@ -50,14 +51,13 @@ class FieldWriter {
   /// Whether the destructor keeps or removes an unfinished draft.
   enum class Draft { keep, discard };
 
-  /// Begins a new field. `tables` are those of its codec; `light`, if not empty, the light that the
-  /// field keeps. After an error no file remains. usage: the output exists and is to be kept, or
+  /// Begins a new field. `tables` are those of its codec; `kept`, what else it keeps. After an error no file remains. usage: the output exists and is to be kept, or
   /// readers would refuse the manifest. busy: another process is writing the field. bad_file: a
   /// file with the draft's name exists and is no container, so it is not a draft. io: the system
   /// refuses.
   [[nodiscard]] static Result<FieldWriter> create(const FieldOutput& output, Draft draft,
                                                   const Manifest& manifest, ByteSpan tables,
-                                                  ByteSpan light = {});
+                                                  const KeptBlobs& kept = {});
 
   /// Continues the unfinished field of an output. `transaction` is the commit that the caller has
   /// read. busy: another process is writing the field, or has written to it since.
@@ -88,8 +88,8 @@ class FieldWriter {
   /// Appends a missing tile, which put() can fill later.
   [[nodiscard]] Result<void> put_missing(TileKey key);
 
-  /// Sets the light that the field keeps, in the next commit. Empty: none.
-  [[nodiscard]] Result<void> put_light(ByteSpan light);
+  /// Sets a blob that the field keeps, in the next commit. Empty: none.
+  [[nodiscard]] Result<void> keep(const std::string& blob, ByteSpan bytes);
 
   /// Makes a tile missing. Errors other than io concern this tile alone.
   [[nodiscard]] Result<void> drop(TileKey key);

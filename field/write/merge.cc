@@ -21,7 +21,7 @@ Result<MergeReport> merge_fields(const std::vector<std::string>& parts, const st
   Reporter reporter(progress, begin, "merge interrupted; nothing was written");
   SLF_TRY(reporter.add(0));
   auto writer = SLF_TRY(FieldWriter::create(output, FieldWriter::Draft::discard, plan.manifest,
-                                            plan.tables, plan.light));
+                                            plan.tables, plan.kept));
   MergeReport report{.parts = parts.size()};
   for (const MergeSegment& segment : plan.segments) {
     const std::string& part = parts[segment.source];

@@ -18,7 +18,7 @@ struct Source {
   std::string path;
   Manifest manifest;
   Bytes tables;
-  Bytes light;
+  KeptBlobs kept;
   std::uint64_t commit = 0;
 };
 
@@ -62,12 +62,16 @@ Result<Source> read_source(const std::string& path) {
   const auto content = SLF_TRY((*field)->content());
   if (!content.complete)
     return unfinished(path, "some of its tiles were not built, or were dropped");
-  const auto light = SLF_TRY((*field)->light());
+  KeptBlobs kept;
+  for (const char* blob : {kLightBlob, kRevealBlob}) {
+    const auto bytes = SLF_TRY((*field)->kept(blob));
+    kept[blob].assign(bytes.begin(), bytes.end());
+  }
   const ByteSpan tables = (*field)->codec().tables();
   return Source{path,
                 (*field)->manifest(),
                 {tables.begin(), tables.end()},
-                {light.begin(), light.end()},
+                std::move(kept),
                 (*field)->store().transaction()};
 }
 
@@ -178,7 +182,8 @@ Result<MergePlan> plan_merge(const std::vector<std::string>& paths, bool part) {
   plan.manifest.part.reset();
   plan.tables = std::move(first.tables);
   for (const MergeSegment& segment : segments)
-    if (plan.light.empty()) plan.light = sources[segment.source].light;
+    for (const auto& [name, bytes] : sources[segment.source].kept)
+      if (plan.kept[name].empty()) plan.kept[name] = bytes;
   for (const Source& source : sources) plan.commits.push_back(source.commit);
 
   TileSelection held, all;

@@ -21,7 +21,7 @@ struct MergeSegment {
 struct MergePlan {
   Manifest manifest;                   ///< of the merged field
   Bytes tables;                        ///< of its codec
-  Bytes light;                         ///< of the first part that keeps it; none if none does
+  KeptBlobs kept;                      ///< each of the first part that has it
   std::vector<std::uint64_t> commits;  ///< of each part: the number of the commit that was read
   std::vector<MergeSegment> segments;  ///< in key order, without gaps
 };

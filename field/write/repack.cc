@@ -58,7 +58,7 @@ Result<RepackReport> repack(std::span<const StateSource> states, const std::stri
   SLF_TRY(reporter.add(0));
   const auto codec = SLF_TRY(plan.codec(budget.threads, go_on));
   auto writer = SLF_TRY(FieldWriter::create(output, FieldWriter::Draft::discard, manifest,
-                                            codec->tables(), plan.light));
+                                            codec->tables(), plan.kept));
   const TileCoder coder(manifest.shape, manifest.format, *codec, plan.geometries(),
                         states.size() > 1);
   const auto written =

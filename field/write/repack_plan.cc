@@ -72,6 +72,15 @@ bool can_copy(std::span<const StateSource> states, const FieldShape& shape) {
          (several ? shape.levels == first.shape().levels : states[0].field.state() == 0);
 }
 
+/// The code of the first reveal of what one of the states shows: others are not to be published.
+Result<ByteSpan> revealed(std::span<const StateSource> states) {
+  for (const StateSource& state : states) {
+    const auto reveal = SLF_TRY(state.field.reveal(RevealPart::head));
+    if (reveal) return state.field.file().reveal();
+  }
+  return ByteSpan();
+}
+
 }  // namespace
 
 TileCoder::Geometries RepackPlan::geometries() const {
@@ -107,11 +116,16 @@ Result<RepackPlan> plan_repack(std::span<const StateSource> states, const Repack
     plan.source = std::make_unique<StoredTiles>(first.store());
   else
     plan.source = std::make_unique<DecodedTiles>(states, manifest.format, memory);
-  if (!options.light || handle.structures() || handle.state() > 0) return plan;
-  const auto light = first.light();
-  if (!light)
-    return fail(light.error().code, light.error().message, "; a copy can leave the light out");
-  plan.light = *light;
+  const auto keep = [&](const char* blob, const Result<ByteSpan>& bytes) -> Result<void> {
+    if (!bytes)
+      return fail(bytes.error().code, bytes.error().message, "; a copy can leave the ", blob,
+                  " out");
+    plan.kept[blob].assign(bytes->begin(), bytes->end());
+    return {};
+  };
+  if (options.light && !handle.structures() && handle.state() == 0)
+    SLF_TRY(keep(kLightBlob, first.light()));
+  if (options.reveal) SLF_TRY(keep(kRevealBlob, revealed(states)));
   return plan;
 }
 

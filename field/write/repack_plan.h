@@ -3,6 +3,7 @@
 
 #include <memory>
 
+#include "field/field_file.h"
 #include "field/manifest.h"
 #include "field/write/train_codec.h"
 #include "slf/repack.h"
@@ -14,7 +15,7 @@ struct RepackPlan {
   Manifest manifest;
   std::unique_ptr<TileSource> source;
   bool copy = false;  ///< payloads are copied, not encoded again
-  ByteSpan light;     ///< that the copy keeps, a view of the map; none if there is none
+  KeptBlobs kept;     ///< by the copy
 
   [[nodiscard]] TileCoder::Geometries geometries() const;
   /// The codec of the copy. Errors of train_codec().

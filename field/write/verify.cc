@@ -75,17 +75,26 @@ class Verifier {
     return {};
   }
 
-  Result<void> check_light(const FieldFile& field) {
+  /// Checks what views do not need.
+  Result<void> check_kept(const FieldFile& field) {
     if (options_.quick) return {};
-    const auto light = field.light();
-    if (light) return {};
-    SLF_TRY(add(FindingKind::light, light.error()));
-    drop_light_ = options_.fix;
-    return {};
+    const auto drop = [&](FindingKind kind, const char* blob, const Error& error) {
+      if (options_.fix) drop_blobs_.emplace_back(blob);
+      return add(kind, error);
+    };
+    if (const auto light = field.light(); !light)
+      SLF_TRY(drop(FindingKind::light, kLightBlob, light.error()));
+    const auto code = field.reveal();
+    if (!code) return drop(FindingKind::reveal, kRevealBlob, code.error());
+    const auto reveal =
+        code->empty() ? Result<Reveal>() : decode_reveal(*code, RevealPart::all, options_.threads);
+    if (reveal || reveal.error().code == ErrorCode::unsupported) return {};
+    return drop(FindingKind::reveal, kRevealBlob,
+                {reveal.error().code, field.path() + ": " + reveal.error().message});
   }
 
   Result<void> check_tiles(const FieldFile& field) {
-    SLF_TRY(check_light(field));
+    SLF_TRY(check_kept(field));
     Progress work;
     for (unsigned level = 0; level <= field.shape().levels; ++level)
       work.total += field.shape().tiles(level);
@@ -204,7 +213,7 @@ class Verifier {
     const bool sound =
         std::none_of(report_.findings.begin(), report_.findings.end(),
                      [](const Finding& finding) { return finding.kind == FindingKind::structure; });
-    if ((repairs_.empty() && !drop_light_) || !sound) return {};
+    if ((repairs_.empty() && drop_blobs_.empty()) || !sound) return {};
     auto writer = SLF_TRY(FieldWriter::edit(path, transaction_));
     writer.set_pending_limit(options_.memory / 3);
     for (const TileKey repair : repairs_) {
@@ -213,8 +222,8 @@ class Verifier {
         return ok;  // an error that concerns more than this tile
       if (ok) ++report_.dropped;
     }
-    if (drop_light_) {
-      SLF_TRY(writer.put_light({}));
+    for (const std::string& blob : drop_blobs_) {
+      SLF_TRY(writer.keep(blob, {}));
       ++report_.dropped;
     }
     if (!repairs_.empty()) report_.complete = false;
@@ -225,14 +234,14 @@ class Verifier {
   const ProgressCallback& progress_;
   VerifyReport report_;
   std::vector<TileKey> repairs_;  ///< one for each finding that has one
-  bool drop_light_ = false;
+  std::vector<std::string> drop_blobs_;
   std::uint64_t transaction_ = 0;  ///< the commit that was checked
 };
 
 }  // namespace
 
 const char* id(FindingKind kind) {
-  constexpr const char* kIds[] = {"S1", "M1", "L1", "R1", "K1", "T1", "T2", "T3", "C1"};
+  constexpr const char* kIds[] = {"S1", "M1", "L1", "V1", "R1", "K1", "T1", "T2", "T3", "C1"};
   return kIds[static_cast<int>(kind)];
 }
 

@@ -9,6 +9,7 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <vector>
 
 #include "slf/error.h"
 #include "slf/progress.h"
@@ -37,15 +38,16 @@ struct ShardOptions {
 struct BuildOptions {
   FieldShape shape;  ///< a sphere of radius 0: bounds_of() the states
   std::string codec = "predictive:90";
-  bool depth = true;          ///< depths beside the colours; predictive codecs need them
-  bool half = false;          ///< colour as half floats, which jpeg cannot hold
-  bool keep_light = false;    ///< Scene::light() of the first state, from the first commit on
-  std::uint64_t memory = 0;   ///< bytes of tiles in progress and records not yet written; 0:
-                              ///< 256 MiB, or what the largest tile needs
-  unsigned threads = 0;       ///< 0: all
-  double commit_seconds = 5;  ///< between commits: the most work that a kill can lose
-  bool replace = false;       ///< replace a file at the output's path, once all is built
-  ShardOptions shard;         ///< by default, all tiles
+  bool depth = true;                ///< depths beside the colours; predictive codecs need them
+  bool half = false;                ///< colour as half floats, which jpeg cannot hold
+  bool keep_light = false;          ///< Scene::light() of the first state, from the first commit on
+  std::uint64_t memory = 0;         ///< bytes of tiles in progress and records not yet written; 0:
+                                    ///< 256 MiB, or what the largest tile needs
+  unsigned threads = 0;             ///< 0: all
+  double commit_seconds = 5;        ///< between commits: the most work that a kill can lose
+  bool replace = false;             ///< replace a file at the output's path, once all is built
+  ShardOptions shard;               ///< by default, all tiles
+  std::vector<std::byte> reveal{};  ///< encode()'s code of a reveal to keep (reveal.h)
 };
 
 struct BuildReport {
@@ -103,5 +105,8 @@ struct FieldState {
 [[nodiscard]] Result<BuildReport> build_field(std::span<const FieldState> states,
                                               const std::string& path, const BuildOptions& options,
                                               const ProgressCallback& progress = {});
+
+/// Sets the reveal that a field keeps; no code: removes it. Errors as those of writing fields.
+[[nodiscard]] Result<void> set_reveal(const std::string& path, std::span<const std::byte> code);
 
 }  // namespace slf

@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "slf/error.h"
+#include "slf/reveal.h"
 #include "slf/shape.h"
 #include "slf/tile.h"
 
@@ -95,6 +96,9 @@ class Field {
   /// The light of its scene (Scene::light()); no bytes if the field has none. bad_file: it is
   /// damaged.
   [[nodiscard]] Result<std::vector<std::byte>> light() const;
+  /// The small copy of the volume that this state shows; none if the field has none, or that of
+  /// another volume. bad_file: it is damaged. unsupported: it is of a later version.
+  [[nodiscard]] Result<std::optional<Reveal>> reveal(RevealPart part = RevealPart::all) const;
   /// The whole manifest, a JSON object (FORMAT.md).
   [[nodiscard]] std::string manifest() const;
   [[nodiscard]] std::uint64_t file_bytes() const;

@@ -69,6 +69,8 @@ struct MeasureOptions {
   RenderMode mode = RenderMode::bitri;
   std::vector<unsigned> levels;  ///< empty: all
   RendererOptions renderer;
+  std::vector<ClipPlane> clip{};  ///< as in ViewOptions
+  std::shared_ptr<const Scene> cap{};
 };
 
 struct Measurement {

@@ -27,13 +27,6 @@
 
 namespace slf {
 
-/// A cut through a volume. What lies on the side of the plane that its normal points to is removed;
-/// the face of the cut is a surface.
-struct ClipPlane {
-  glm::dvec3 point{0.0};         ///< world
-  glm::dvec3 normal{0, 0, 1.0};  ///< world, of any length but 0
-};
-
 /// What scenes share that are made with the same one: voxels in memory, the parts of a volume, and
 /// the light of scenes that differ only by the labels that they show. Thread-safety: none; it may
 /// end before the scenes. No scene changes by it.
@@ -53,8 +46,11 @@ struct RaycastOptions {
   float ambient = 0.3f;  ///< share of a colour that needs no light; the rest is Lambert's
   /// Unless its mode is Lighting::direct, it replaces `shade`, `light` and `ambient`.
   LightOptions lighting{};
-  VolumeParts parts{};                     ///< parts of the volume in colours of their own
-  std::vector<ClipPlane> clip{};           ///< each removes what lies beyond it
+  VolumeParts parts{};            ///< parts of the volume in colours of their own
+  std::vector<ClipPlane> clip{};  ///< each removes what lies beyond it
+  /// From which gradient on matter is a surface (light.h), in values per world unit; 0: from 2 % of
+  /// the volume's range per voxel on.
+  double surface_gradient = 0;
   std::shared_ptr<SharedScenes> shared{};  ///< null: nothing is shared
 };
 
@@ -77,6 +73,8 @@ struct RayCounts {
   std::uint64_t samples = 0;  ///< intervals in cells that can be visible
   std::uint64_t visible = 0;  ///< of `samples`: not fully transparent, so composited
 };
+
+struct VolumeScene;  // internal
 
 /// The options recorded in a field's provenance (a JSON object). An option that is missing there,
 /// or of another type, has its default.
@@ -116,6 +114,9 @@ class Raycaster final : public Scene {
 
   /// As trace_many(); also counts the work.
   RayCounts trace_counted(std::span<const Segment> rays, std::span<RaySample> out) const;
+
+  /// For slf's own libraries; the type is not installed.
+  [[nodiscard]] const VolumeScene& volume_scene() const;
 
  private:
   struct State;

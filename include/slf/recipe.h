@@ -20,7 +20,9 @@
 #include <vector>
 
 #include "slf/build.h"
+#include "slf/cut.h"
 #include "slf/error.h"
+#include "slf/field.h"
 #include "slf/mesh.h"
 #include "slf/path_tracer.h"
 #include "slf/pictures.h"
@@ -92,6 +94,8 @@ struct Recipe {
   BuildOptions field{};
   std::optional<glm::dvec3> center{};
   std::optional<double> radius{};
+  std::optional<std::uint32_t> reveal{};  ///< voxels of its longest side; none: no reveal
+  std::string reveal_window = "visible";  ///< or LO,HI: RevealOptions::window
 
   /// The provenance of a field to compare with. Rays and light are then those of the field, but for
   /// what `ambient` to `environment` state, and so is the transfer function, unless one is stated.
@@ -173,6 +177,25 @@ class StateScenes {
 [[nodiscard]] std::vector<FieldState> field_states(const std::vector<NamedScene>& scenes);
 /// The sphere of the field: around what is visible in any state, but for what the recipe states.
 [[nodiscard]] Sphere field_sphere(const Recipe& recipe, std::span<const FieldState> states);
+
+/// The code of the reveal that the recipe asks for, for BuildOptions; none if it asks for none.
+/// Errors as make_reveal().
+[[nodiscard]] Result<std::vector<std::byte>> reveal_code(const Recipe& recipe,
+                                                         std::span<const FieldState> states);
+/// Adds a reveal to a finished field. The recipe names the volume that it was built from, and what
+/// `truth_of` needs. usage: it is another volume. Else errors as make_scene(), make_reveal() and
+/// set_reveal().
+[[nodiscard]] Result<void> add_reveal(const std::string& path, Recipe recipe);
+
+/// The cap of this name, for views of the field through planes: "shaded"; "coarse", the same by a
+/// tenth of the work on light; "slice", or "slice:LO,HI" with a window of values; "hollow": null;
+/// or
+/// "": shaded if the field has a reveal, else null. `resources`: threads, memory and progress.
+/// usage: another name; the field has no reveal. Else errors as make_cap().
+[[nodiscard]] Result<std::shared_ptr<const Scene>> named_cap(const Field& field,
+                                                             std::span<const ClipPlane> clip,
+                                                             const std::string& name,
+                                                             CapOptions resources = {});
 
 /// The volume at `input`. Errors as read_volume(path, options), and bad_file for what has cameras.
 [[nodiscard]] Result<Volume> read_volume(const Recipe& description);

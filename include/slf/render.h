@@ -18,6 +18,7 @@
 #include "slf/field.h"
 #include "slf/image.h"
 #include "slf/progress.h"
+#include "slf/scene.h"
 #include "slf/tile_reader.h"
 #include "slf/tone.h"
 
@@ -54,6 +55,14 @@ struct ViewOptions {
   unsigned level = 0;       ///< of the tile pyramid, or kMatchingLevel
   bool with_depth = false;  ///< also fill Image::depth (needs a field with depth)
   bool wait = true;         ///< wait for tiles; false: use only cached ones and those of level 0
+  /// Planes, up to kMaxClip, each of which removes what lies beyond it; only in mode depth.
+  std::vector<ClipPlane> clip{};
+  /// What they lay open: rays that begin where all is removed are traced through this scene, which
+  /// must have the same planes (make_cap() in cut.h). Null: the cut is hollow, and rays show what
+  /// is stored of what they hit first, if that is kept.
+  std::shared_ptr<const Scene> cap{};
+
+  static constexpr std::size_t kMaxClip = 6;
 
   [[nodiscard]] bool needs_depth() const { return mode == RenderMode::depth || with_depth; }
 };
@@ -91,9 +100,9 @@ class Renderer {
   [[nodiscard]] const TileReader& tiles() const;
 
   /// Draws a view. Rays are whole chords of the sphere, so from an eye inside the sphere, objects
-  /// behind the eye show, too. Progress counts blocks of pixels. usage: an invalid camera or level,
-  /// or mode depth of a field without depths. bad_file: a damaged tile. cancelled: stopped by
-  /// `progress`.
+  /// behind the eye show, too, unless there are planes. Progress counts blocks of pixels. usage: an
+  /// invalid camera or level, or mode depth of a field without depths. bad_file: a damaged tile.
+  /// cancelled: stopped by `progress`.
   [[nodiscard]] Result<Image> render(const Camera& camera, const ViewOptions& options,
                                      ViewStatistics* statistics = nullptr,
                                      const ProgressCallback& progress = {});
@@ -130,10 +139,11 @@ struct PickedPoint {
 
 /// The point that a camera's picture shows at (x, y), in pixels from its upper left corner: centres
 /// of pixels are at halves. None if the picture is less than half opaque there. Reads the finest
-/// level. usage: an invalid camera, a place outside the picture, or a field without depths.
-/// bad_file: a damaged tile.
+/// level. Of `cut`, the planes and the cap count. usage: an invalid camera, a place outside the
+/// picture, or a field without depths. bad_file: a damaged tile.
 [[nodiscard]] Result<std::optional<PickedPoint>> pick(Renderer& renderer, const Camera& camera,
-                                                      double x, double y);
+                                                      double x, double y,
+                                                      const ViewOptions& cut = {});
 
 /// The coarsest level whose samples are at least as dense as the camera's pixels, or the finest
 /// level if none is. Densities are compared at the centre of the sphere: there, the lines from a
@@ -143,7 +153,7 @@ struct PickedPoint {
                                       RenderMode mode);
 
 /// The checks of Renderer::render() on `options`. usage: the field does not have the level, or the
-/// depths that the mode needs.
+/// depths that the mode needs; planes are too many, none, or not for this mode.
 [[nodiscard]] Result<void> check_view(const Field& field, const ViewOptions& options);
 
 /// Tone-maps a picture of the field if its colours are linear radiance: as `tone` says; if that is

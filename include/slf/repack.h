@@ -26,6 +26,7 @@ struct RepackOptions {
                                         ///< Half floats go to zstd where their codec was JPEG
   bool light = true;                    ///< keep the light of the copy's first state, if the
                                         ///< input has it; no other is kept
+  bool reveal = true;                   ///< keep the reveal of the first state that has one
   std::uint64_t memory = 0;  ///< bytes of tiles in progress and records not yet written; 0:
                              ///< 256 MiB, or what the largest tile needs
   unsigned threads = 0;      ///< 0: all

@@ -16,6 +16,15 @@ struct Sphere {
   double radius = 1;
 };
 
+/// A cut. What lies on the side of the plane that its normal points to is removed; the face of the
+/// cut is a surface.
+struct ClipPlane {
+  glm::dvec3 point{0.0};         ///< world
+  glm::dvec3 normal{0, 0, 1.0};  ///< world, of any length but 0
+
+  bool operator==(const ClipPlane&) const = default;
+};
+
 /// Where a line crosses a sphere: the parameters t of origin + t·direction, enter < leave. They are
 /// negative behind the origin. `hit` is false if the line misses or only touches the sphere.
 /// REQUIRES: direction is not zero.

@@ -18,6 +18,7 @@ enum class FindingKind {
               ///< container
   manifest,   ///< M1: the manifest or a codec's tables are damaged
   light,      ///< L1: the light that the field keeps is damaged; views do not need it
+  reveal,     ///< V1: the reveal of the field is damaged; views without cuts do not need it
   record,     ///< R1: a record of tiles cannot be read
   key,        ///< K1: a tile whose key does not belong to this field
   checksum,   ///< T1: a tile's bytes do not match their checksum
@@ -41,7 +42,7 @@ struct Finding {
 
 struct VerifyOptions {
   bool quick = false;  ///< check structure and counts only: no payload is read
-  bool fix = false;    ///< drop records with R1, tiles with K1, T1, T2, and light with L1
+  bool fix = false;    ///< drop records with R1, tiles with K1, T1, T2, and what has L1 or V1
   std::uint64_t memory = 256ull << 20;  ///< bytes of decoded tiles and records under way
   unsigned threads = 0;                 ///< 0: all
 };

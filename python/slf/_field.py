@@ -18,7 +18,7 @@ from . import _slf
 from ._errors import UsageError
 from ._notebook import View, bundle, server_base
 from ._progress import Progress, reporter
-from ._source import SourceSettings, described
+from ._source import SourceSettings, described, recipe_of
 from ._types import (BuildReport, Camera, Content, Difference, Evaluation, ExportReport, Frame,
                      Look, Measurement, MergeReport, Orbit, PickedPoint, Picture, RepackReport,
                      Shape, Sphere, Tile, Tone, VerifyReport, finite, orbit)
@@ -34,6 +34,8 @@ Structures = Mapping[Union["Field", Path], float | Look] | Sequence[Path]
 """Names of a field's states, patterns such as "left *", or fields or paths of others on its sphere,
 with an opacity, 0 to 1, or a Look of each; or a list of texts such as "left *:0.3:#ffd0b0", as
 `slf render --structure` takes them. Later ones replace earlier ones of the same state."""
+Planes = Sequence[tuple[Sequence[float], Sequence[float]]]
+"""(point, normal) of each."""
 AnyViews = Path | dict[str, Any] | None
 
 _DEFAULT_MEMORY = 256 << 20
@@ -234,19 +236,21 @@ class Field:
                level: LevelName = ..., *, depth: Literal[False] = ..., dtype: Any = ...,
                background: Sequence[float] | None = ..., tone: Tone | None = ...,
                state: State | None = ...,
-               structures: Structures | None = ...) -> Array: ...
+               structures: Structures | None = ..., clip: Planes = ...,
+               cap: str = ...) -> Array: ...
 
     @overload
     def render(self, camera: AnyCamera = ..., size: Size = ..., mode: str | None = ...,
                level: LevelName = ..., *, depth: Literal[True], dtype: Any = ...,
                background: Sequence[float] | None = ..., tone: Tone | None = ...,
-               state: State | None = ..., structures: Structures | None = ...) -> Picture: ...
+               state: State | None = ..., structures: Structures | None = ...,
+               clip: Planes = ..., cap: str = ...) -> Picture: ...
 
     def render(self, camera: AnyCamera = orbit(), size: Size = (512, 512),
                mode: str | None = None, level: LevelName = "finest", *, depth: bool = False,
                dtype: Any = np.float32, background: Sequence[float] | None = None,
                tone: Tone | None = None, state: State | None = None,
-               structures: Structures | None = None) -> Any:
+               structures: Structures | None = None, clip: Planes = (), cap: str = "") -> Any:
         """Draws a view: an array [height, width, 4] of RGBA, premultiplied by alpha.
 
         camera: slf.orbit() or slf.Camera.
@@ -261,6 +265,12 @@ class Field:
             else Tone().
         state: that of in_state(); default: the one that this shows, or all structures.
         structures: what to draw together instead, as for compose(). The last ones stay open.
+        clip: planes as (point, normal), up to six, each of which removes what lies on the side that
+            its normal points to. Needs mode "depth".
+        cap: what they lay open: "shaded", under its own light; "coarse", the same by a tenth of the
+            work; "slice", the scan's values in grey, "slice:LO,HI" with a window; "hollow", nothing.
+            All but "hollow" need a reveal; default: "shaded", or else "hollow". The last cut stays
+            in memory, and takes as much again as `memory` of slf.open() says.
 
         Raises slf.UsageError for an invalid camera, level, mode or state, slf.BadFileError for a
         damaged tile.
@@ -268,7 +278,7 @@ class Field:
         display = check_dtype(dtype) == np.uint8 or background is not None
         colors, distance = self._drawn(state, structures).render(
             camera_tuple(self.sphere, camera, size), mode, self._level(level), depth, tone, display,
-            None)
+            None, list(clip), cap)
         picture = finished_picture(colors, dtype, background)
         return Picture(picture, distance) if depth else picture
 
@@ -291,16 +301,53 @@ class Field:
 
     def pick(self, x: float, y: float, camera: AnyCamera = orbit(),
              size: Size = (512, 512), *, state: State | None = None,
-             structures: Structures | None = None) -> PickedPoint | None:
+             structures: Structures | None = None, clip: Planes = (),
+             cap: str = "") -> PickedPoint | None:
         """The point of the surface that a picture shows at a place; None if it is less than half
         opaque there.
 
         x, y: in pixels from the upper left corner; centres of pixels are at halves.
-        camera, size, state, structures: of the picture, as in render().
+        camera, size, state, structures, clip, cap: of the picture, as in render().
 
         Raises slf.UsageError for a place outside the picture, and for a field without depths.
         """
-        return self._drawn(state, structures).pick(camera_tuple(self.sphere, camera, size), x, y)
+        return self._drawn(state, structures).pick(camera_tuple(self.sphere, camera, size), x, y,
+                                                   list(clip), cap)
+
+    def reveal(self) -> tuple[Array, Array] | None:
+        """The small copy of the volume that the field keeps for cuts: its values [z, y, x], and the
+        4×4 affine from the indices (x, y, z) of a voxel to the world. None: it keeps none, or that
+        of another state's volume."""
+        found = self._field.reveal()
+        if found is None:
+            return None
+        stored, slope, intercept, labels, columns = found
+        affine = np.eye(4)
+        affine[:3] = np.transpose(columns)
+        if labels:
+            return stored.astype(np.int64), affine
+        return (stored * slope + intercept).astype(np.float32), affine
+
+    def add_reveal(self, source: Any, size: int = 192, window: tuple[float, float] | None = None,
+                   **settings: Any) -> None:
+        """Adds the small copy of the volume that cuts show the inside of, 8 bits a voxel.
+
+        source, settings: the volume that the field was built from, as for slf.build().
+        size: voxels along the longest side.
+        window: keep these values, all of them; default: voxels that touch nothing visible are left
+            out. It publishes the scan: see doc/cut.md.
+
+        Other open fields do not see it. slf.UsageError: it is another volume.
+        """
+        given = {"reveal": size, **settings}
+        if window is not None:
+            given["reveal_window"] = f"{float(window[0])!r},{float(window[1])!r}"
+        path, memory, threads, state = self._opened_with
+        _slf.add_reveal(path, recipe_of(source, given))
+        self.close()
+        self._open = _slf.Field(path, memory, threads, None)
+        if state is not None:
+            self._open = self._open.in_state(state)
 
     def thumbnail(self, size: int = 256, background: Sequence[float] | None = (0, 0, 0), *,
                   state: State | None = None, structures: Structures | None = None) -> Array:
@@ -310,7 +357,7 @@ class Field:
         """
         colors, _ = self._drawn(state, structures).render(
             camera_tuple(self.sphere, orbit(), (size, size)), None, self._level("matching"), False,
-            None, True, _THUMBNAIL_MEMORY)
+            None, True, _THUMBNAIL_MEMORY, [], "")
         return finished_picture(colors, np.uint8, background)
 
     def player(self, mode: str | None = None, level: LevelName = "finest", loading: str = "ahead",
@@ -525,14 +572,15 @@ def _opened(field: Field | Path) -> contextlib.AbstractContextManager[Field]:
 def repack(field: Field | Path | Sequence[Field | Path], out: Path, *,
            states: Sequence[State] = (), codec: str = "", depth: bool = True,
            finest_level: int | None = None, subfields: Sequence[int] = (),
-           color_type: str | None = None, light: bool = True, memory: int = 0,
+           color_type: str | None = None, light: bool = True, reveal: bool = True, memory: int = 0,
            threads: int = 0, force: bool = False, progress: Progress = None) -> RepackReport:
     """Rewrites a field into another form. Empty arguments keep what the field has.
 
     field: several make one whose states they are, named after their files, and the states in them.
     states: those to keep; default: all, or the one of Field.in_state().
     codec, depth: as in slf.build().  finest_level: the finest to keep.
-    color_type: "u8" or "half".  light: keep the scene's light.  progress: counts tiles.
+    color_type: "u8" or "half".  progress: counts tiles.
+    light, reveal: keep the scene's light, and the copy of the volume that cuts show.
     memory: most bytes of tiles and records under way; 0: 256 MiB, or what the largest tile needs.
     """
     half = None if color_type is None else is_half(color_type)
@@ -542,7 +590,7 @@ def repack(field: Field | Path | Sequence[Field | Path], out: Path, *,
         sources = [(one._field, [str(state) for state in states or (one._opened_with[3],)
                                  if state is not None]) for one in opened]
         done = _slf.repack(sources, out, codec, depth, finest_level, sorted(subfields), half, light,
-                           memory, threads, force, report)
+                           reveal, memory, threads, force, report)
     return done  # type: ignore[no-any-return]
 
 
@@ -573,14 +621,15 @@ def _views(views: AnyViews) -> tuple[Path, str | None]:
 
 def export(field: Field | Path, out: Path, *, views: AnyViews = None, state: State | None = None,
            structures: Structures | None = None, states: Sequence[State] = (), codec: str = "",
-           depth: bool = True, finest_level: int | None = None, max_size: int = 0, threads: int = 0,
-           force: bool = False, progress: Progress = None) -> ExportReport:
+           depth: bool = True, reveal: bool = True, finest_level: int | None = None,
+           max_size: int = 0, threads: int = 0, force: bool = False,
+           progress: Progress = None) -> ExportReport:
     """Writes the page that shows a field together with it.
 
     out: a path that ends in .html or .htm becomes one file, which opens from disk (fields up to
         1 GiB); any other a folder for a host of static files.
     views, state, structures: as in Field.show().
-    states, codec, depth, finest_level: what to keep, as in repack(): of a field that
+    states, codec, depth, reveal, finest_level: what to keep, as in repack(): of a field that
         Field.in_state() made, that state alone.
     max_size: bytes; chooses quality and levels so that the page fits. 0: no limit.
     force: replace that file, or write into a folder that has files in it.
@@ -593,10 +642,11 @@ def export(field: Field | Path, out: Path, *, views: AnyViews = None, state: Sta
         own = source._opened_with[3] if source._structures is None else None
         if own is not None and not states and state is structures is None:
             return _slf.export_field(source.path, out, *_views(views), "", [], [str(own)], codec,
-                                     depth, finest_level, max_size, threads, force, report)
+                                     depth, reveal, finest_level, max_size, threads, force, report)
         return _slf.export_field(source.path, out, *_views(views),
                                  *source._first(state, structures), [str(one) for one in states],
-                                 codec, depth, finest_level, max_size, threads, force, report)
+                                 codec, depth, reveal, finest_level, max_size, threads, force,
+                                 report)
 
 
 def is_half(color_type: str) -> bool:

@@ -50,6 +50,28 @@ std::unique_ptr<OpenField> compose(const OpenField& open,
   return open.with(std::move(composed));
 }
 
+/// A point and a normal of each plane.
+using PlaneTuples = std::vector<std::pair<Triple, Triple>>;
+std::vector<ClipPlane> planes_of(const PlaneTuples& planes) {
+  std::vector<ClipPlane> clip;
+  for (const auto& [point, normal] : planes) clip.push_back({vector_of(point), vector_of(normal)});
+  return clip;
+}
+
+/// The values of the small copy of the volume [z, y, x], and the columns of its affine.
+py::object reveal(const OpenField& open) {
+  LongCall call;
+  const auto found = call.value(open.field().path(), [&] { return open.field().reveal(); });
+  if (!found) return py::none();
+  const Volume volume = volume_of(*found);
+  const std::vector<py::ssize_t> shape{volume.dims[2], volume.dims[1], volume.dims[0]};
+  py::array stored(volume.labels ? py::dtype("f8") : py::dtype("u1"), shape, volume.bytes().data());
+  const auto column = [](const glm::dvec3& v) { return py::make_tuple(v.x, v.y, v.z); };
+  return py::make_tuple(std::move(stored), volume.slope, volume.intercept, volume.labels,
+                        py::make_tuple(column(volume.axes[0]), column(volume.axes[1]),
+                                       column(volume.axes[2]), column(volume.origin)));
+}
+
 ViewOptions view_of(const Field& field, const std::optional<std::string>& mode,
                     std::optional<unsigned> level, bool with_depth) {
   ViewOptions view;
@@ -61,12 +83,14 @@ ViewOptions view_of(const Field& field, const std::optional<std::string>& mode,
 
 py::tuple render(OpenField& open, const CameraTuple& camera, const std::optional<std::string>& mode,
                  std::optional<unsigned> level, bool depth, const std::optional<ToneTuple>& tone,
-                 bool display, std::optional<std::uint64_t> memory) {
-  const ViewOptions view = view_of(open.field(), mode, level, depth);
+                 bool display, std::optional<std::uint64_t> memory, const PlaneTuples& clip,
+                 const std::string& cap) {
+  ViewOptions view = view_of(open.field(), mode, level, depth);
   open.renewed();
   LongCall call;
   const auto mapping = tone_of(tone);
   auto image = call.value(open.field().path(), [&]() -> Result<Image> {
+    SLF_TRY(open.cut(view, planes_of(clip), cap));
     auto drawn = SLF_TRY(open.render(camera_of(camera), view, memory, call.progress()));
     SLF_TRY(map_tones(open.field(), mapping, display, drawn));
     return drawn;
@@ -75,11 +99,14 @@ py::tuple render(OpenField& open, const CameraTuple& camera, const std::optional
   return py::make_tuple(colors, depths_of(image));
 }
 
-py::object pick(OpenField& open, const CameraTuple& camera, double x, double y) {
+py::object pick(OpenField& open, const CameraTuple& camera, double x, double y,
+                const PlaneTuples& clip, const std::string& cap) {
   open.renewed();
   LongCall call;
-  const auto found = call.value(open.field().path(), [&] {
-    return open.drawn([&](Renderer& by) { return slf::pick(by, camera_of(camera), x, y); });
+  const auto found = call.value(open.field().path(), [&]() -> Result<std::optional<PickedPoint>> {
+    ViewOptions cut;
+    SLF_TRY(open.cut(cut, planes_of(clip), cap));
+    return open.drawn([&](Renderer& by) { return slf::pick(by, camera_of(camera), x, y, cut); });
   });
   return python_of(found);
 }
@@ -266,6 +293,7 @@ void bind_fields(py::module_& module) {
       .def("compose", compose)
       .def("render", render)
       .def("pick", pick)
+      .def("reveal", reveal)
       .def("tiles", tiles)
       .def("tile", tile)
       .def("measure", measure)

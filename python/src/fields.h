@@ -17,9 +17,11 @@
 #include <vector>
 
 #include "base/fork.h"
+#include "base/try.h"
 #include "calls.h"
 #include "field/structure_looks.h"
 #include "slf/field.h"
+#include "slf/recipe.h"
 #include "slf/render.h"
 
 namespace slf::python {
@@ -81,6 +83,18 @@ class OpenField {
     Renderer own(field_, {*memory, options_.threads});
     return draw(own);
   }
+  /// Adds planes to a view, and named_cap(). The last cap is kept.
+  [[nodiscard]] Result<void> cut(ViewOptions& view, std::vector<ClipPlane> clip,
+                                 const std::string& cap) {
+    const std::lock_guard lock(cutting_);
+    if (!(clip == clip_ && cap == cap_name_)) {
+      cap_ = SLF_TRY(
+          named_cap(field_, clip, cap, {.memory = options_.memory, .threads = options_.threads}));
+      clip_ = std::move(clip), cap_name_ = cap;
+    }
+    view.clip = clip_, view.cap = cap_;
+    return {};
+  }
 
  private:
   static std::uint64_t next_number() {
@@ -92,6 +106,10 @@ class OpenField {
   RendererOptions options_;
   std::shared_ptr<Drawing> drawing_;
   std::uint64_t number_ = next_number();
+  std::mutex cutting_;  // guards what follows
+  std::vector<ClipPlane> clip_;
+  std::string cap_name_;
+  std::shared_ptr<const Scene> cap_;
 };
 
 /// A field, or the name of a state or file; its opacity and its tint.

@@ -98,12 +98,13 @@ page::First first_of(const Text& state, const LookTuples& structures) {
 py::object export_field(const Text& field, const Text& output, const Text& views,
                         const std::optional<Text>& json, const Text& state,
                         const LookTuples& structures, const Texts& states, const std::string& codec,
-                        bool depth, std::optional<unsigned> levels, std::uint64_t max_size,
-                        unsigned threads, bool force, py::object progress) {
+                        bool depth, bool reveal, std::optional<unsigned> levels,
+                        std::uint64_t max_size, unsigned threads, bool force, py::object progress) {
   page::ExportOptions options;
   options.states.assign(states.begin(), states.end());
   options.repack.codec = codec;
   options.repack.depth = depth;
+  options.repack.reveal = reveal;
   options.repack.levels = levels;
   options.repack.threads = threads;
   options.max_size = max_size;

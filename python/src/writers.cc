@@ -1,5 +1,6 @@
 // Writing fields: builds, repacks and merges; and comparing them.
 #include "arrays.h"
+#include "base/try.h"
 #include "convert.h"
 #include "fields.h"
 #include "module.h"
@@ -37,8 +38,10 @@ py::object build(const Recipe& recipe, const Scenes& scenes, const Text& path, s
   LongCall call(std::move(progress));
   const auto states = states_of(scenes);
   options.shape.sphere = field_sphere(recipe, states);
-  auto built = scenes.front().second.trace(
-      call, [&] { return build_field(states, path, options, call.progress()); });
+  auto built = scenes.front().second.trace(call, [&]() -> Result<BuildReport> {
+    options.reveal = SLF_TRY(reveal_code(recipe, states));
+    return build_field(states, path, options, call.progress());
+  });
   for (const auto& [name, handle] : scenes)
     if (handle.rays) handle.rays->rethrow();
   return python_of(value_of(std::move(built), path));
@@ -47,9 +50,10 @@ py::object build(const Recipe& recipe, const Scenes& scenes, const Text& path, s
 py::object repack(const std::vector<std::pair<const OpenField*, Texts>>& fields, const Text& path,
                   const std::string& codec, bool depth, std::optional<unsigned> levels,
                   const std::vector<std::uint8_t>& subfields, std::optional<bool> half, bool light,
-                  std::uint64_t memory, unsigned threads, bool replace, py::object progress) {
-  const RepackOptions options{codec, depth,  levels,  subfields, half,
-                              light, memory, threads, replace};
+                  bool reveal, std::uint64_t memory, unsigned threads, bool replace,
+                  py::object progress) {
+  const RepackOptions options{codec, depth,  levels, subfields, half,
+                              light, reveal, memory, threads,   replace};
   std::vector<StateSource> states;
   for (const auto& [open, names] : fields)
     for (StateSource& state : value_of(
@@ -98,6 +102,10 @@ py::object evaluate(const OpenField& open, const SceneHandle& handle,
 
 void bind_writers(py::module_& module) {
   module.def("build", build);
+  module.def("add_reveal", [](const Text& path, const Recipe& recipe) {
+    LongCall call;
+    call.value(path, [&] { return add_reveal(path, recipe); });
+  });
   module.def("bounds_of", [](const Scenes& s) { return tuple_of(bounds_of(states_of(s))); });
   module.def("repack", repack);
   module.def("merge", merge);

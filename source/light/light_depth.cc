@@ -27,6 +27,27 @@ Neighbourhood neighbours(const Medium& medium, const LightGrid& light) {
   return n;
 }
 
+/// The depths of nodes that planes lay open, right below these; of others, more than any has.
+std::vector<float> depth_below_clip(const Medium& medium, const LightGrid& light,
+                                    const std::vector<float>& extinction) {
+  std::vector<float> depth(light.size(), 1e30f);
+  for (std::size_t k = 0; k < depth.size() && !medium.grid().clip.empty(); ++k) {
+    const double below =
+        medium.below_clip(light.low + light.spacing * glm::dvec3(node_at(light, k)));
+    if (below < light.spacing)
+      depth[k] =
+          extinction[k] * static_cast<float>(std::max(0.0, below) * medium.smallest_spacing());
+  }
+  return depth;
+}
+
+/// Calls visit(place) for all nodes, in raster order or in reverse.
+template <class Visit>
+void visit_nodes(const LightGrid& light, bool reverse, const Visit& visit) {
+  const std::size_t count = light.size();
+  for (std::size_t k = 0; k < count; ++k) visit(node_at(light, reverse ? count - 1 - k : k));
+}
+
 }  // namespace
 
 Result<std::vector<float>> node_extinctions(const Medium& medium, const LightGrid& light,
@@ -54,19 +75,37 @@ Result<std::vector<float>> node_extinctions(const Medium& medium, const LightGri
   return extinction;
 }
 
+std::vector<float> openness(const Medium& medium, const LightGrid& light,
+                            const std::vector<float>& extinction) {
+  const glm::ivec3 dims(light.dims[0], light.dims[1], light.dims[2]);
+  const Neighbourhood near = neighbours(medium, light);
+  const auto below_clip = depth_below_clip(medium, light, extinction);
+  std::vector<float> open(light.size()), depth(light.size());
+  for (int way = 0; way < 26; ++way) {
+    const bool reverse = way >= 13;
+    const int n = way % 13;
+    visit_nodes(light, reverse, [&](const glm::ivec3& at) {
+      const glm::ivec3 from = reverse ? at - near.offset[n] : at + near.offset[n];
+      const std::size_t here = number_in(light.dims, at);
+      depth[here] = 0;  // where the box around the matter ends
+      if (!glm::any(glm::lessThan(from, glm::ivec3(0))) &&
+          !glm::any(glm::greaterThanEqual(from, dims))) {
+        const std::size_t before = number_in(light.dims, from);
+        const float between = 0.5f * (extinction[here] + extinction[before]);
+        depth[here] = std::min(below_clip[here], depth[before] + between * near.length[n]);
+      }
+      open[here] += std::exp(-depth[here]) / 26;
+    });
+  }
+  return open;
+}
+
 std::vector<float> depth_from_outside(const Medium& medium, const LightGrid& light,
                                       const std::vector<float>& extinction) {
   const glm::ivec3 dims(light.dims[0], light.dims[1], light.dims[2]);
   const Neighbourhood near = neighbours(medium, light);
   const auto number = [&](const glm::ivec3& at) { return number_in(light.dims, at); };
-  std::vector<float> depth(light.size(), 1e30f);
-  for (std::size_t k = 0; k < depth.size() && !medium.grid().clip.empty(); ++k) {
-    const double below =
-        medium.below_clip(light.low + light.spacing * glm::dvec3(node_at(light, k)));
-    if (below < light.spacing)
-      depth[k] =
-          extinction[k] * static_cast<float>(std::max(0.0, below) * medium.smallest_spacing());
-  }
+  auto depth = depth_below_clip(medium, light, extinction);
   const auto relax = [&](const glm::ivec3& at, int sign) {
     const std::size_t here = number(at);
     float best = depth[here];
@@ -83,14 +122,9 @@ std::vector<float> depth_from_outside(const Medium& medium, const LightGrid& lig
     }
     depth[here] = best;
   };
-  for (int round = 0; round < 2; ++round) {  // the second round finds paths that turn back
-    for (int z = 0; z < dims.z; ++z)
-      for (int y = 0; y < dims.y; ++y)
-        for (int x = 0; x < dims.x; ++x) relax({x, y, z}, 1);
-    for (int z = dims.z; z-- > 0;)
-      for (int y = dims.y; y-- > 0;)
-        for (int x = dims.x; x-- > 0;) relax({x, y, z}, -1);
-  }
+  for (int round = 0; round < 2; ++round)  // the second round finds paths that turn back
+    for (const bool reverse : {false, true})
+      visit_nodes(light, reverse, [&](const glm::ivec3& at) { relax(at, reverse ? -1 : 1); });
   return depth;
 }
 

@@ -315,6 +315,7 @@ RayCounts Raycaster::trace_counted(std::span<const Segment> rays, std::span<RayS
   return counts;
 }
 
+const VolumeScene& Raycaster::volume_scene() const { return state_->seen(); }
 std::string Raycaster::provenance() const { return state_->seen().provenance; }
 std::vector<std::string> Raycaster::files() const {
   std::vector<std::string> files = state_->lit->scene->volume.files;

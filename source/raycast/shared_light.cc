@@ -25,6 +25,9 @@ json said_of(std::string_view cut, const json& provenance) {
 /// A node has its own light, in part, from this difference of optical depths on, and whole from the
 /// second one on.
 constexpr float kOpened = 0.25f, kOpen = 1;
+/// The same for how many times as much light reaches it straight from outside: a cavity with a
+/// small hole is not deep, but dark. That much light reaches every node in other ways.
+constexpr float kBrightened = 1.5f, kBright = 3, kAnyway = 0.02f;
 
 json without_cuts(const VolumeScene& scene) {
   json key = json::parse(light_key(scene.provenance));
@@ -76,9 +79,15 @@ Result<LightGrid> shared_light(const LightGrid& lit, const VolumeScene& from,
   const Medium before(from.grid);
   const auto extinctions = SLF_TRY(node_extinctions(before, lit, threads));
   const auto depth = depth_from_outside(before, lit, extinctions);
+  const auto open_before = openness(before, lit, extinctions);
+  const auto extinctions_now = SLF_TRY(node_extinctions(medium, lit, threads));
+  const auto open_now = openness(medium, lit, extinctions_now);
   const auto share = [&](std::size_t number) {
     const float opened = std::min(depth[number], kHidden) - computer.depth()[number];
-    return std::clamp((opened - kOpened) / (kOpen - kOpened), 0.f, 1.f);
+    const float brighter = (open_now[number] + kAnyway) / (open_before[number] + kAnyway);
+    return std::clamp(std::max((opened - kOpened) / (kOpen - kOpened),
+                               (brighter - kBrightened) / (kBright - kBrightened)),
+                      0.f, 1.f);
   };
   LightGrid light = lit, own = computer.blank();
   std::vector<std::size_t> open = computer.nodes();

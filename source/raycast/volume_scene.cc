@@ -182,6 +182,7 @@ Result<std::unique_ptr<VolumeScene>> make_volume_scene(Volume volume,
   float contrast = 1;
   if (v.labels) {
     const auto& only = options.parts.only;
+    scene->labels = voxels.labels;
     grid.table = make_label_table(transfer, v, voxels.labels);
     for (std::size_t k = 0; k < voxels.labels.size() && !only.empty(); ++k)
       if (!only.contains(std::llround(v.slope * voxels.labels[k] + v.intercept)))
@@ -239,6 +240,9 @@ Result<std::unique_ptr<VolumeScene>> make_volume_scene(Volume volume,
                          glm::vec4(normal, 0)});
   }
   grid.inverse_gradient_floor = 1 / (0.02f * contrast);
+  if (options.surface_gradient > 0)
+    grid.inverse_gradient_floor =
+        static_cast<float>(std::abs(v.slope) / (options.surface_gradient * min_spacing));
   grid.shade = options.shade;
   grid.light = {glm::vec3(glm::normalize(options.light)), 0};
   grid.ambient = options.ambient;

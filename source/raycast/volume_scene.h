@@ -39,6 +39,7 @@ struct VolumeScene {
   Sphere bounds;
   LightOptions lighting;
   std::string provenance;
+  std::vector<double> labels{};  ///< of a volume of labels: RayVoxels::labels
 };
 
 /// Converts the voxels, makes the tables and finds the visible space; no light volume yet. Errors

@@ -66,7 +66,9 @@ Result<RaycastOptions> rays_of(const Recipe& d, const json& built) {
     options.lighting.mode = d.lighting.value_or(direct ? Lighting::direct : Lighting::global);
   } else {
     options = raycast_options(built.dump());
-    if (!d.raycast.clip.empty()) options.clip = d.raycast.clip;
+    for (const ClipPlane& plane : d.raycast.clip)
+      if (std::ranges::find(options.clip, plane) == options.clip.end())
+        options.clip.push_back(plane);
     if (d.environment.empty() && built.contains("/lighting/environment"_json_pointer))
       return fail_without("environment", ErrorCode::usage,
                           "the field was lit by an environment picture: name the same file");

@@ -7,6 +7,7 @@
 #include <tuple>
 
 #include "base/join.h"
+#include "slf/reveal.h"
 #include "source/raycast/provenance.h"
 
 namespace slf::recipe {
@@ -172,7 +173,7 @@ std::vector<Option> make_options() {
       kOfPictures{"Pictures", kPictures, Use::data}, kPictureCost{"Pictures", kPictures, Use::cost},
       kLightCost{"Light", kVolume, Use::cost}, kTruth{"Reference", kVolume, Use::truth},
       kField{"Field", kAny, Use::field}, kFrame{"Field", kAny, Use::frame},
-      kStates{"Field", kVolume, Use::frame};
+      kStates{"Field", kVolume, Use::frame}, kReveal{"Field", kVolume, Use::field};
   Type ids{Form::wholes, "ID,...", -0x1p63, 0x1p63, false, 0};
   Type box{Form::box, "X:X,Y:Y,Z:Z"};
   Type planes{Form::planes, "X,Y,Z,NX,NY,NZ", -kMaxLength, kMaxLength};
@@ -468,6 +469,17 @@ std::vector<Option> make_options() {
       "radius", kFrame, number(kMinLength, kMaxLength),
       "Radius of the sphere in world units; default: around what is visible",
       [](auto& r) -> auto& { return r.radius; }));
+  add(row(
+      "reveal", kReveal, whole(16, Reveal::kMaxSide),
+      "Keep a small copy of the volume in the field, 8 bits a voxel, its longest side this: cuts "
+      "through the field then show the inside. It publishes the scan (doc/cut.md)",
+      [](auto& r) -> auto& { return r.reveal; }));
+  add_rare(row(
+               "reveal_window", kReveal, {Form::text, "LO,HI"},
+               "Values of the volume that the copy keeps, all of them; visible: leave out voxels "
+               "that touch nothing visible",
+               [](auto& r) -> auto& { return r.reveal_window; }))
+      .needs = "reveal";
   return all;
 }
 

@@ -311,5 +311,42 @@ TEST(KilledMerge, ShardsAndMergesEndInTheFieldOfOneBuild) {
   EXPECT_GE(kills, kKills);
 }
 
+// A finished field gets a reveal, or stays what it was.
+TEST(KilledReveal, LeavesTheFieldWithItOrWithoutIt) {
+  Workplace place;
+  std::string voxels;
+  for (int k = 0; k < 40 * 40 * 40; ++k) voxels += static_cast<char>(k * k / 1009);
+  testing::write_text(place / "v.raw", voxels);
+  const Arguments volume{"--dims", "40x40x40"};
+  ASSERT_EQ(run(join({"-q", "build", place / "v.raw", "-o", place / "in.slf", "--entry", "2",
+                      "--exit", "4", "--levels", "1", "--lighting", "direct"},
+                     volume)),
+            0);
+  const Tiles whole = tiles_of(place / "in.slf");
+  const std::string path = place / "a.slf";
+  const Arguments add = join({"-q", "reveal", path, "--volume", place / "v.raw"}, volume);
+  const auto renew = [&] {
+    std::filesystem::copy_file(place / "in.slf", path,
+                               std::filesystem::copy_options::overwrite_existing);
+  };
+  renew();
+  Moments moments(add);
+  int kills = 0, added = 0;
+  for (int runs = 0; kills < kKills / 2 && runs < 2 * kKills; ++runs) {
+    renew();
+    const auto ended = moments.run(add);
+    EXPECT_EQ(ended.value_or(0), 0);
+    kills += !ended;
+    EXPECT_TRUE(tiles_of(path) == whole);
+    const auto field = Field::open(path);
+    const auto reveal = field->reveal();
+    ASSERT_TRUE(reveal) << reveal.error().message;
+    added += reveal->has_value();
+    EXPECT_TRUE(!ended || *reveal);
+  }
+  EXPECT_GT(kills, 10);
+  EXPECT_GT(added, 0);
+}
+
 }  // namespace
 }  // namespace slf

@@ -73,7 +73,7 @@ class Compose : public ::testing::Test {
   static inline Field *left_ = nullptr, *right_ = nullptr, *both_ = nullptr;
 };
 
-constexpr ViewOptions kView{RenderMode::depth, 1, true};
+const ViewOptions kView{RenderMode::depth, 1, true};
 
 TEST_F(Compose, OpaqueStructuresAreTheFieldOfAllOfThem) {
   const Field field = composed({{*left_}, {*right_}}), other = composed({{*right_}, {*left_}});

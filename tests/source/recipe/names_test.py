@@ -15,7 +15,7 @@ import sys
 ROOT = pathlib.Path(__file__).resolve().parents[3]
 
 # Options of repack, which are of a field that exists, have names of their own meaning.
-OF_FIELDS = {"codec", "depth", "color_type", "levels", "light", "center", "radius"}
+OF_FIELDS = {"codec", "depth", "color_type", "levels", "light", "center", "radius", "reveal"}
 
 
 def declared_again(names):

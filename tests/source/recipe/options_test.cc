@@ -154,7 +154,7 @@ TEST(RecipeFiles, PathsAreRelativeToTheRecipe) {
   testing::write_text(folder / "r.json", R"({"input": "a.nii", "transfer": "ct-bone",
     "label_table": "/x/t.txt", "light_rig": {"lights": []}, "step": 1,
     "states": [{"name": "a"}, {"name": "b", "mask": "m.nii", "transfer": null}]})");
-  recipe = {};
+  recipe = Recipe();
   ASSERT_TRUE(set(recipe, "step", 0.5));
   ok = read_recipe(folder / "r.json", recipe);
   ASSERT_TRUE(ok) << ok.error().message;
