@@ -35,7 +35,7 @@ struct Finding {
   static constexpr const char* kPython = "Finding";
   void describe(auto& member) const {
     member({"id", "kind"}, id(kind), "as slf verify prints it; stable",
-           R"("enum": ["S1", "M1", "L1", "R1", "K1", "T1", "T2", "T3", "C1"])");
+           R"("enum": ["S1", "M1", "L1", "V1", "R1", "K1", "T1", "T2", "T3", "C1"])");
     member("message", message, "file, place and cause");
   }
 };
