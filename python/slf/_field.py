@@ -343,7 +343,7 @@ class Field:
         if window is not None:
             given["reveal_window"] = f"{float(window[0])!r},{float(window[1])!r}"
         path, memory, threads, state = self._opened_with
-        _slf.add_reveal(path, recipe_of(source, given))
+        _slf.add_reveal(path, recipe_of({"source": source, **given}, False, None, [], {}))
         self.close()
         self._open = _slf.Field(path, memory, threads, None)
         if state is not None:

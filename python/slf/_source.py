@@ -414,11 +414,6 @@ def recipe_of(given: Mapping[str, Any], lit: bool, folder: str | None, mapped: l
     return recipe
 
 
-def recipe_of(source: Any, settings: Mapping[str, Any]) -> _slf.Recipe:
-    """The recipe of one source, without making its scene."""
-    return _recipe({"source": source, **settings}, False, None, [], {})
-
-
 def _style(id: Any, style: Any) -> dict[str, Any]:
     """A name, or (name, color, opacity), of which the last two may be missing."""
     given = (style,) if isinstance(style, str) else tuple(style)
