@@ -27,7 +27,7 @@ json said_of(std::string_view cut, const json& provenance) {
 constexpr float kOpened = 0.25f, kOpen = 1;
 /// The same for how many times as much light reaches it straight from outside: a cavity with a
 /// small hole is not deep, but dark. That much light reaches every node in other ways.
-constexpr float kBrightened = 1.5f, kBright = 3, kAnyway = 0.02f;
+constexpr float kBrightened = 1.1f, kBright = 1.4f, kAnyway = 0.005f;
 
 json without_cuts(const VolumeScene& scene) {
   json key = json::parse(light_key(scene.provenance));
