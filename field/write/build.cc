@@ -237,8 +237,9 @@ Result<BuildReport> build(std::span<const FieldState> states, const std::string&
   Reporter reporter(progress, begin,
                     path + ": interrupted; the same build goes on from here (" + file + ")");
   const GoOn go_on = [&] { return reporter.go_on(); };
-  const KeptBlobs kept{{kLightBlob, SLF_TRY(prepare(states, options.keep_light,
-                                                    earlier ? &*earlier : nullptr, coarser.get()))},
+  auto light =
+      SLF_TRY(prepare(states, options.keep_light, earlier ? &*earlier : nullptr, coarser.get()));
+  const KeptBlobs kept{{kLightBlob, std::move(light)},
                        {kRevealBlob, reveals ? options.reveal : Bytes()}};
   const auto geometries = [&](unsigned level) -> const LevelGeometry& {
     return tracer.geometry(level);

@@ -352,7 +352,7 @@ TEST_F(CutViews, ThroughTheEyeAndFromInside) {
   make(transfer_above(100));
   Camera from = camera(60, 25);
   expect_near_truth(from, {{from.eye, glm::cross(from.eye - glm::dvec3(100, 0, 0), {0, 0, 1})}},
-                    12);
+                    13);
   const Sphere sphere = field_->shape().sphere;
   for (const double at : {0.9, 0.6}) {  // inside the sphere, in what is removed
     from.eye = sphere.center + glm::dvec3(at * sphere.radius, 0, 0);
