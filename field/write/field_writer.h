@@ -51,10 +51,10 @@ class FieldWriter {
   /// Whether the destructor keeps or removes an unfinished draft.
   enum class Draft { keep, discard };
 
-  /// Begins a new field. `tables` are those of its codec; `kept`, what else it keeps. After an error no file remains. usage: the output exists and is to be kept, or
-  /// readers would refuse the manifest. busy: another process is writing the field. bad_file: a
-  /// file with the draft's name exists and is no container, so it is not a draft. io: the system
-  /// refuses.
+  /// Begins a new field. `tables` are those of its codec; `kept`, what else it keeps. After an
+  /// error no file remains. usage: the output exists and is to be kept, or readers would refuse the
+  /// manifest. busy: another process is writing the field. bad_file: a file with the draft's name
+  /// exists and is no container, so it is not a draft. io: the system refuses.
   [[nodiscard]] static Result<FieldWriter> create(const FieldOutput& output, Draft draft,
                                                   const Manifest& manifest, ByteSpan tables,
                                                   const KeptBlobs& kept = {});

@@ -21,8 +21,8 @@ inline constexpr float kHidden = 7;
 [[nodiscard]] std::vector<float> depth_from_outside(const Medium& medium, const LightGrid& light,
                                                     const std::vector<float>& extinction);
 
-/// For each node, given their extinctions, the share of light from outside that reaches it straight,
-/// of 26 directions along the grid.
+/// For each node, given their extinctions, the share of light from outside that reaches it
+/// straight, of 26 directions along the grid.
 [[nodiscard]] std::vector<float> openness(const Medium& medium, const LightGrid& light,
                                           const std::vector<float>& extinction);
 
