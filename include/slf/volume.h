@@ -209,7 +209,7 @@ struct VolumeSeries {
   std::string problem{};
 
   void describe(auto& member) const {
-    member("id", id, "what --series takes");
+    member("id", id, "what the option `series` takes");
     member("uid", uid, "SeriesInstanceUID");
     member("number", number, "SeriesNumber; may be empty");
     member("description", description, "SeriesDescription; may be empty");
