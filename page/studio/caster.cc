@@ -48,6 +48,14 @@ Caster::~Caster() {
   thread_.join();
 }
 
+Result<void> Caster::read(const Recipe& recipe) {
+  return guarded([&]() -> Result<void> {
+    if (recipe.is_pictures()) SLF_TRY(read_pictures(recipe));
+    if (recipe::kind_of(recipe) == recipe::kVolume) SLF_TRY(recipe::volume_of(recipe, &readings_));
+    return {};
+  });
+}
+
 std::uint64_t Caster::show(Recipe recipe) {
   const std::lock_guard lock(mutex_);
   recipe_ = std::move(recipe);

@@ -55,6 +55,8 @@ class Caster {
   Caster(const Caster&) = delete;
   Caster& operator=(const Caster&) = delete;
 
+  /// Reads the volume that a recipe is of, so that errors in it are found at once. Before show().
+  Result<void> read(const Recipe& recipe);
   /// Shows another recipe from now on. Returns the number of this change.
   std::uint64_t show(Recipe recipe);
   /// The first picture of a look that is better than `seen`; none if it is not there yet. An empty

@@ -439,6 +439,7 @@ Studio::~Studio() = default;
 Result<std::unique_ptr<Studio>> Studio::make(Recipe recipe, StudioOptions options) {
   auto state = std::make_unique<State>(std::move(recipe), std::move(options));
   State& s = *state;
+  SLF_TRY(s.caster.read(s.base));
   const fs::path output = s.options.output;
   const fs::path stem = output.parent_path() / output.stem();
   s.recipe_path = s.options.save.empty() ? stem.string() + ".recipe.json" : s.options.save;

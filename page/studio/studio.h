@@ -36,7 +36,7 @@ struct StudioOptions {
 class Studio {
  public:
   /// Begins with a recipe, or with the draft that another run left beside the output. Errors as
-  /// those of the recipe's readers come with the first picture.
+  /// those of the reader of volumes, or of sets of pictures; others come with the first picture.
   [[nodiscard]] static Result<std::unique_ptr<Studio>> make(Recipe recipe, StudioOptions options);
   ~Studio();
 

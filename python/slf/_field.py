@@ -339,7 +339,7 @@ class Field:
 
         Other open fields do not see it. slf.UsageError: it is another volume.
         """
-        given = {"reveal": size, **settings}
+        given: dict[str, Any] = {"reveal": size, **settings}
         if window is not None:
             given["reveal_window"] = f"{float(window[0])!r},{float(window[1])!r}"
         path, memory, threads, state = self._opened_with

@@ -38,7 +38,7 @@ has() {
   [[ " ${COMPREPLY[*]} " == *" $2 "* ]] || { echo "FAILED: '$1' does not offer $2"; failures=$((failures + 1)); }
 }
 
-expect "slf re" render repack
+expect "slf re" render repack reveal
 expect "slf -q ver" verify
 expect "slf render --mo" --mode
 expect "slf render --mode " nearest uv st bitri depth

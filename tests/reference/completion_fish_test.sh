@@ -21,7 +21,7 @@ expect() {
 
 PATH=$(dirname "$(realpath "$slf")"):$PATH
 script=$2/slf.fish
-expect "slf re" render repack
+expect "slf re" render repack reveal
 expect "slf render --mo" --mode
 expect "slf render --mode " nearest uv st bitri depth
 expect "slf measure --mode bitri,d" bitri,depth

@@ -35,7 +35,7 @@ expect() {  # LINE WORD...: these are among what is offered
     fi
   done
 }
-expect 'slf re' render repack
+expect 'slf re' render repack reveal
 expect 'slf render --mo' --mode
 expect 'slf render --mode ' nearest uv st bitri depth
 expect 'slf build --color-type ' u8 half
