@@ -9,9 +9,9 @@ of slf.build(), as JSON or text. Each field has a reveal, and planes through the
 sphere: three along the axes and two oblique ones. A picture is exposed where the first hit with the
 plane is deeper than without it. For each cap it prints the PSNR of exposed pixels, pooled over the
 views of a plane, then of all pixels, each the mean over the planes; for the uncut field that of all
-pixels, and that of the copy ray-cast alone, without the field; and the time of a cut view over that of an uncut one, once tiles and light are there. With
-`--built`, also for a field that was built with the plane. Needs slf for Python and numpy; a sheet
-of pictures needs Pillow.
+pixels, and that of the copy ray-cast alone, without the field; and the time of a cut view over that
+of an uncut one, once tiles and light are there. With `--built`, also for a field that was built
+with the plane. Needs slf for Python and numpy; a sheet of pictures needs Pillow.
 """
 
 import argparse

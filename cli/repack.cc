@@ -207,8 +207,8 @@ void add_verify(CLI::App& app, Run& run) {
       run_verify);
   command->footer(R"(
 Findings: S1 a page is damaged, M1 manifest or tables, L1 the light volume, V1 the reveal, R1 a
-record, K1 a tile that should not be, T1 a checksum, T2 a tile does not decode, T3 a tile that it is predicted from is
-lost, C1 tiles are missing.
+record, K1 a tile that should not be, T1 a checksum, T2 a tile does not decode, T3 a tile that it is
+predicted from is lost, C1 tiles are missing.
 Exit code 0 when all is good or only tiles are missing, 3 when something is damaged and, with
 --fix, could not be dropped (S1, M1).)");
   add_file(*command, "FIELD", a->field, "Field to check", kFieldFile)->required();

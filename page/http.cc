@@ -73,7 +73,7 @@ class Connection {
     return {socket_, waits() ? static_cast<short>(0) : wanted, 0};
   }
   [[nodiscard]] bool expired(Clock::time_point now) const {
-    return now - since_ > (waits() || (state_ == State::reading && in_.empty()) ? kIdle : kStall);
+    return !waits() && now - since_ > (state_ == State::reading && in_.empty() ? kIdle : kStall);
   }
   /// Whether a request has come whose answer has not.
   [[nodiscard]] bool waits() const { return request_.has_value(); }

@@ -268,7 +268,8 @@ class Field:
         clip: planes as (point, normal), up to six, each of which removes what lies on the side that
             its normal points to. Needs mode "depth".
         cap: what they lay open: "shaded", under its own light; "coarse", the same by a tenth of the
-            work; "slice", the scan's values in grey, "slice:LO,HI" with a window; "hollow", nothing.
+            work; "slice", the scan's values in grey, "slice:LO,HI" with a window; "hollow",
+            nothing.
             All but "hollow" need a reveal; default: "shaded", or else "hollow". The last cut stays
             in memory, and takes as much again as `memory` of slf.open() says.
 

@@ -1,8 +1,9 @@
-// The editor of a transfer function: points of colour and opacity over the histogram. A function is
-// the JSON that slf reads (ParaView's): `Points` has a value, an opacity, a midpoint and a sharpness
-// of each, `RGBPoints` a value and a colour. Here a point has both.
+// The editor of a transfer function: points of colour and opacity over the histogram. A function
+// is the JSON that slf reads (ParaView's): `Points` has a value, an opacity, a midpoint and a
+// sharpness of each, `RGBPoints` a value and a colour. Here a point has both.
 
-const hex = (rgb) => '#' + rgb.map((c) => Math.round(255 * c).toString(16).padStart(2, '0')).join('');
+const hex = (rgb) =>
+  '#' + rgb.map((c) => Math.round(255 * c).toString(16).padStart(2, '0')).join('');
 const parts = (text) => [1, 3, 5].map((i) => parseInt(text.slice(i, i + 2), 16) / 255);
 const mix = (a, b, t) => a + t * (b - a);
 const short = (v) => String(Number(v.toPrecision(5)));
@@ -97,7 +98,8 @@ export class Curve {
   }
   insert(value, opacity) {
     const {Points, RGBPoints} = this.function;
-    const point = {value, opacity: opacity ?? at(grouped(Points, 4).map(([v, o]) => [v, o]), value)[0],
+    const opacities = grouped(Points, 4).map(([v, o]) => [v, o]);
+    const point = {value, opacity: opacity ?? at(opacities, value)[0],
                    color: at(grouped(RGBPoints, 4), value)};
     this.points.push(point);
     this.points.sort((a, b) => a.value - b.value);
@@ -157,7 +159,8 @@ export class Curve {
         input.onfocus = () => { this.chosen = i; this.draw(); };
         return input;
       };
-      const number = (text, otherwise) => Number.isFinite(parseFloat(text)) ? parseFloat(text) : otherwise;
+      const number = (text, otherwise) =>
+        Number.isFinite(parseFloat(text)) ? parseFloat(text) : otherwise;
       const remove = Object.assign(document.createElement('button'), {textContent: '×'});
       remove.setAttribute('aria-label', `Remove point ${i + 1}`);
       remove.disabled = this.points.length < 2;

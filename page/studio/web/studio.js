@@ -39,10 +39,12 @@ function say(text, wrong = false) {
 async function post(what, body = {}, signal) {
   const answer = await fetch(what, {method: 'POST', body: JSON.stringify(body), signal});
   if (answer.ok) return answer;
-  const {error} = await answer.json().catch(() => ({error: `the server answered ${answer.status}`}));
+  const otherwise = {error: `the server answered ${answer.status}`};
+  const {error} = await answer.json().catch(() => otherwise);
   throw Object.assign(new Error(error), {status: answer.status});
 }
-const lost = 'The server does not answer. What you made is kept beside the output; start slf view again.';
+const lost = 'The server does not answer. What you made is kept beside the output; ' +
+             'start slf view again.';
 
 // ---- the recipe ---------------------------------------------------------------------------------
 
@@ -86,8 +88,8 @@ async function changed(moving = false) {
   while (unsent) {
     unsent = false;
     try {
-      const answer = await post('recipe', {revision: state.revision, shown: merged(), recipe: whole(),
-                                           views});
+      const answer = await post('recipe', {
+        revision: state.revision, shown: merged(), recipe: whole(), views});
       state.revision = (await answer.json()).revision;
       if (byId('status').classList.contains('wrong')) say('');
       again();
@@ -112,7 +114,8 @@ function turned() {
 }
 const sizes = () => {
   const scale = Math.min(devicePixelRatio, 2);
-  return [picture.clientWidth, picture.clientHeight].map((side) => Math.max(1, Math.round(side * scale)));
+  return [picture.clientWidth, picture.clientHeight].map(
+    (side) => Math.max(1, Math.round(side * scale)));
 };
 const look = (moving) => ({
   page, serial, moving, sphere, size: sizes(), seen: shown.serial === serial ? shown.stage : 0,
@@ -170,7 +173,7 @@ function place(next) {
   sphere = next;
 }
 
-// ---- what is under the pointer ---------------------------------------------------------------------
+// ---- what is under the pointer ------------------------------------------------------------------
 
 let pointing = false;
 picture.addEventListener('pointermove', async (event) => {
@@ -186,7 +189,7 @@ picture.addEventListener('pointermove', async (event) => {
   pointing = false;
 });
 
-// ---- the panel --------------------------------------------------------------------------------------
+// ---- the panel ----------------------------------------------------------------------------------
 
 const curve = new Curve(byId('curve'), byId('points'), byId('add'), (fn, moving) => {
   set('transfer', fn, moving);
@@ -195,7 +198,7 @@ const curve = new Curve(byId('curve'), byId('points'), byId('add'), (fn, moving)
 function showEnds() {
   const n = (v) => Number(v.toPrecision(5));
   byId('ends').replaceChildren(make('span', {textContent: n(curve.low)}),
-                               make('span', {textContent: `${n(curve.high)} ${state.valueUnit ?? ''}`}));
+                               make('span', {textContent: n(curve.high)}));
   byId('low').value = n(curve.points[0].value);
   byId('high').value = n(curve.points.at(-1).value);
 }
@@ -207,7 +210,7 @@ for (const id of ['low', 'high'])
   };
 
 function showPresets() {
-  byId('presets').replaceChildren(...(state.presets ?? []).map(({name, description, function: fn}, k) => {
+  const preset = ({name, description, function: fn}, k) => {
     const button = make('button', {title: description}, make('img', {
       src: `preset/${k}`, alt: '', loading: 'lazy'}), make('span', {textContent: name}));
     button.onclick = () => {
@@ -216,12 +219,14 @@ function showPresets() {
       showEnds();
     };
     return button;
-  }));
+  };
+  byId('presets').replaceChildren(...(state.presets ?? []).map(preset));
 }
 const takeFile = async (file) => {
   if (!file) return;
   try {
-    const {first} = await (await post('presets', {name: file.name, text: await file.text()})).json();
+    const said = await post('presets', {name: file.name, text: await file.text()});
+    const {first} = await said.json();
     await load();
     byId('presets').children[first]?.click();
   } catch (error) {
@@ -238,7 +243,8 @@ addEventListener('drop', (event) => {
 // Options that an input states as they are. Empty: the default.
 const kInputs = {
   lighting: String, light_rig: String, projection: String, exposure: Number, radius: Number,
-  center: (text) => text.split(',').map(Number), crop: String, quality: String, finest_level: Number, codec: String};
+  center: (text) => text.split(',').map(Number), crop: String, quality: String,
+  finest_level: Number, codec: String};
 const kInstead = {quality: ['entry', 'exit', 'finest_level'], finest_level: ['quality']};
 for (const [name, read] of Object.entries(kInputs)) {
   const input = byId(name);
@@ -286,7 +292,8 @@ ball.onpointerdown = (event) => {
   ball.onpointerup = (e) => { ball.onpointermove = ball.onpointerup = null; go(e, false); };
 };
 ball.onkeydown = (event) => {
-  const step = {ArrowLeft: [-0.1, 0], ArrowRight: [0.1, 0], ArrowUp: [0, -0.1], ArrowDown: [0, 0.1]};
+  const step = {
+    ArrowLeft: [-0.1, 0], ArrowRight: [0.1, 0], ArrowUp: [0, -0.1], ArrowDown: [0, 0.1]};
   const [du, dv] = step[event.key] ?? [];
   if (du === undefined) return;
   event.preventDefault();
@@ -294,7 +301,7 @@ ball.onkeydown = (event) => {
 };
 showBall(0, 0);
 
-// ---- planes -----------------------------------------------------------------------------------------
+// ---- planes -------------------------------------------------------------------------------------
 
 const planes = () => (merged().clip ?? []).map((plane) => [...plane]);
 const setPlanes = (all, moving) => set('clip', all.length > 0 ? all : undefined, moving);
@@ -317,7 +324,8 @@ function showPlanes() {
       setPlanes(all, moving);
       showHandle();
     };
-    const slider = make('input', {type: 'range', min: -1, max: 1, step: 0.005, value: along(plane)});
+    const slider = make('input', {
+      type: 'range', min: -1, max: 1, step: 0.005, value: along(plane)});
     slider.setAttribute('aria-label', `Place of plane ${k + 1}`);
     slider.oninput = () => edit((p) => shifted(p, Number(slider.value)), true);
     slider.onchange = () => edit((p) => shifted(p, Number(slider.value)), false);
@@ -343,7 +351,8 @@ function showPlanes() {
 // The arrow of the last plane, from its point along its normal, which is dragged along that.
 const handle = byId('handle'), knob = handle.querySelector('circle');
 function project(point) {
-  const {clientWidth: w, clientHeight: h} = picture, {eye, forward, right, down, half} = camera.axes(w, h);
+  const {clientWidth: w, clientHeight: h} = picture;
+  const {eye, forward, right, down, half} = camera.axes(w, h);
   const to = add(add(point, sphere, -1).map((v) => v / sphere[3]), eye, -1), z = dot(to, forward);
   const scale = h / 2 / half / z;
   return [w / 2 + dot(to, right) * scale, h / 2 + dot(to, down) * scale];
@@ -363,7 +372,8 @@ function showHandle() {
     knob.setPointerCapture(event.pointerId);
     const begin = [event.clientX, event.clientY], [dx, dy] = [x2 - x1, y2 - y1];
     const move = (e, moving) => {
-      const t = ((e.clientX - begin[0]) * dx + (e.clientY - begin[1]) * dy) / (dx * dx + dy * dy || 1);
+      const t = ((e.clientX - begin[0]) * dx + (e.clientY - begin[1]) * dy) /
+                (dx * dx + dy * dy || 1);
       setPlanes([...planes().slice(0, -1),
                  [...add(point, plane.slice(3), 0.35 * t * sphere[3] / length), ...plane.slice(3)]
                    .map((v) => Number(v.toPrecision(7)))], moving);
@@ -377,7 +387,7 @@ function showHandle() {
   };
 }
 
-// ---- labels, states, views -----------------------------------------------------------------------
+// ---- labels, states, views ----------------------------------------------------------------------
 
 function showLabels() {
   byId('labels').hidden = byId('each').hidden = !state.labels;
@@ -420,7 +430,8 @@ function showStates() {
 }
 byId('addstate').onclick = () => {
   const name = byId('statename').value.trim();
-  if (!name || states.some((one) => one.name === name)) return say('A state needs a name of its own.', true);
+  if (!name || states.some((one) => one.name === name))
+    return say('A state needs a name of its own.', true);
   remember();
   const own = current < 0 ? {} : states[current];
   if (states.length === 0 && current < 0) states.push({name: 'whole'});
@@ -456,7 +467,7 @@ byId('addview').onclick = () => {
   showViews();
 };
 
-// ---- saving and building --------------------------------------------------------------------------
+// ---- saving and building ------------------------------------------------------------------------
 
 let command = '';
 async function save(what, more = {}) {
@@ -489,7 +500,8 @@ async function follow() {
       if (build?.error) {
         const exists = build.error.includes('exists');
         byId('said').textContent = build.error;
-        if (exists && confirm(`${build.error}\n\nReplace it?`) && await save('build', {replace: true}))
+        if (exists && confirm(`${build.error}\n\nReplace it?`) &&
+            await save('build', {replace: true}))
           return follow();
       }
       if (build?.field) {
@@ -501,12 +513,13 @@ async function follow() {
     }
     byId('progress').value = build.total > 0 ? build.done / build.total : 0;
     const left = build.done > 0 ? build.seconds * (build.total / build.done - 1) : 0;
-    byId('said').textContent = `${clock(build.seconds)}` + (left > 0 ? `, ${clock(left)} left` : '');
+    byId('said').textContent =
+      clock(build.seconds) + (left > 0 ? `, ${clock(left)} left` : '');
     await sleep(400);
   }
 }
 
-// ---- all of it ---------------------------------------------------------------------------------------
+// ---- all of it ----------------------------------------------------------------------------------
 
 function refresh() {
   showInputs();
