@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <mutex>
 #include <nlohmann/json.hpp>
+#include <set>
 #include <thread>
 
 #include "base/file.h"
@@ -169,7 +170,7 @@ struct Studio::State {
   Result<void> keep() {
     kept = true;
     kept_at = Clock::now();
-    const json draft{{"recipe", document}, {"shown", shown}, {"views", views}};
+    const json draft{{"recipe", document}, {"shown", shown}, {"views", views}, {"owns", owned}};
     return write_file(draft_path, bytes_of(draft.dump()));
   }
 
@@ -189,7 +190,7 @@ struct Studio::State {
   json document, shown;  ///< the recipe, with states; and what is shown of it
   json views = json::array();
   std::string recipe_path, views_path, draft_path;
-  bool owns_recipe = false;  ///< whether this studio, or one before it, wrote it
+  std::set<std::string> owned;  ///< of these, those that this studio, or one before it, wrote
   bool kept = true, restored = false;
   Clock::time_point kept_at{};
   std::uint64_t revision = 0;
@@ -212,9 +213,13 @@ struct Studio::State {
 /// Writes the recipe with paths that are relative to it.
 Result<void> Studio::State::save() {
   std::error_code ignored;
-  if (!owns_recipe && fs::exists(recipe_path, ignored))
-    return fail(ErrorCode::usage, recipe_path,
-                ": exists, and was not saved by this studio; name another by --save");
+  std::vector<std::string> written{recipe_path};
+  if (!views.empty()) written.push_back(views_path);
+  for (const std::string& path : written)
+    if (!owned.contains(path) && fs::exists(path, ignored))
+      return fail(ErrorCode::usage, path,
+                  ": exists, and was not saved by this studio; move it, or name another recipe by "
+                  "--save, another output by -o");
   const fs::path where = fs::absolute(recipe_path).parent_path();
   json stated = document;
   const json states = stated.value("states", json());
@@ -222,7 +227,7 @@ Result<void> Studio::State::save() {
   json out = with_paths(SLF_TRY(parse(stated)), where);
   if (!states.is_null()) out["states"] = states;
   SLF_TRY(write_file(recipe_path, bytes_of(out.dump(2) + "\n")));
-  owns_recipe = true;
+  owned.insert(written.begin(), written.end());
   if (!views.empty())
     SLF_TRY(write_file(views_path, bytes_of(json{{"views", views}}.dump(2) + "\n")));
   fs::remove(draft_path, ignored);
@@ -302,7 +307,7 @@ json Studio::State::state() {
            {"notes", caster.notes()},
            {"output", options.output},
            {"save", recipe_path},
-           {"saved", owns_recipe && kept && !fs::exists(draft_path)},
+           {"saved", owned.contains(recipe_path) && kept && !fs::exists(draft_path)},
            {"build", progress()}};
   if (!volume) return all;
   all["unit"] = volume->unit;
@@ -460,10 +465,14 @@ Result<std::unique_ptr<Studio>> Studio::make(Recipe recipe, StudioOptions option
   if (fs::is_regular_file(s.draft_path, ignored)) {
     const auto bytes = SLF_TRY(read_file(s.draft_path, 16 << 20));
     const json draft = json::parse(chars_of(bytes), nullptr, /*allow_exceptions=*/false);
-    if (draft.is_object() && s.show(draft.value("shown", json()))) {
+    if (!draft.is_object() || !draft.contains("shown"))
+      return fail(ErrorCode::usage, s.draft_path,
+                  ": is no draft of a studio, which would be kept there; move it");
+    if (s.show(draft["shown"])) {
       s.document = draft.value("recipe", s.shown);
       s.views = draft.value("views", json::array());
-      s.restored = s.owns_recipe = true;
+      s.owned = draft.value("owns", s.owned);
+      s.restored = true;
     }
   }
   if (s.revision == 0) SLF_TRY(s.show(s.first));
@@ -472,6 +481,7 @@ Result<std::unique_ptr<Studio>> Studio::make(Recipe recipe, StudioOptions option
 
 std::optional<Response> Studio::answer(const Request& request, std::string_view rest) {
   auto made = guarded([&]() -> Result<std::optional<Response>> {
+    if (!state_->kept && Clock::now() - state_->kept_at > kDraftEvery) SLF_TRY(state_->keep());
     if (request.method == "POST") return state_->act(request, rest);
     if (request.method != "GET" && request.method != "HEAD")
       return refusal("only GET, HEAD and POST work here", 405);

@@ -219,6 +219,30 @@ class StudioTest(unittest.TestCase):
             self.assertEqual(status, 422)
             self.assertIn("exists", json.loads(said)["error"])
 
+    def test_files_of_others_stay(self):
+        for name in ["ball.recipe.json", "ball.views.json"]:
+            with open(path(name), "w") as file:
+                file.write("{}")
+            for _ in range(2):  # the second one goes on from the draft of the first
+                with Studio("ball.nhdr", "-o", "ball.slf") as studio:
+                    state = studio.state()
+                    self.assertEqual(studio.ask("recipe", {
+                        "revision": state["revision"], "shown": {}, "recipe": {},
+                        "views": [{"title": "a", "orbit": [1, 2, 3]}]})[0], 200)
+                    status, said = studio.ask("save", {})
+                    self.assertEqual(status, 422)
+                    self.assertIn(name, json.loads(said)["error"])
+            with open(path(name)) as file:
+                self.assertEqual(file.read(), "{}")
+            os.remove(path(name))
+        with open(path("ball.recipe.json.draft"), "w") as file:
+            file.write("my notes")
+        with Studio("ball.nhdr", "-o", "ball.slf") as studio:
+            self.assertEqual(studio.url, "")
+            studio.process.wait(30)
+        with open(path("ball.recipe.json.draft")) as file:
+            self.assertEqual(file.read(), "my notes")
+
     def test_requests_are_untrusted(self):
         with Studio("ball.nhdr", "-o", "ball.slf") as studio:
             for options, part in [({"exposure": "much"}, "exposure"), ({"nothing": 1}, "nothing"),
