@@ -104,10 +104,7 @@ Result<Posters> make_posters(Field field, const Views& views) {
   const Sphere& sphere = field.shape().sphere;
   std::array<double, 6> view{30, 20, 3, 0, 0, 0};  // as in camera.js
   std::ranges::copy(views.camera, view.begin());
-  Camera camera = orbit_camera(sphere, view[0], view[1], view[2], kPosterSize, kPosterSize);
-  const glm::dvec3 aside = sphere.radius * glm::dvec3(view[3], view[4], view[5]);
-  camera.eye += aside;
-  camera.look_at += aside;
+  const Camera camera = page_camera(sphere, view, kPosterSize, kPosterSize);
   Renderer renderer(field);
   const RenderMode mode = field.has_depth() ? RenderMode::depth : RenderMode::bitri;
   Posters posters;

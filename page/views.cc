@@ -163,6 +163,15 @@ Result<Views> parse_views(const ViewsFile& file, const Sphere& sphere) {
   return views;
 }
 
+Camera page_camera(const Sphere& sphere, const std::array<double, 6>& view, std::uint32_t width,
+                   std::uint32_t height) {
+  Camera camera = orbit_camera(sphere, view[0], view[1], view[2], width, height);
+  const glm::dvec3 aside = sphere.radius * glm::dvec3(view[3], view[4], view[5]);
+  camera.eye += aside;
+  camera.look_at += aside;
+  return camera;
+}
+
 Result<void> begin_with(const First& first, const Field& field, Views& views) {
   const json saved = views.json.empty() ? json::object() : json::parse(views.json);
   for (const json& view : saved.value("views", json::array()))

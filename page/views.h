@@ -5,10 +5,13 @@
 //    "notes": [{"label": "Frontal lobe", "text": "…", "point": [1.5, -60, 20]}]}
 #pragma once
 
+#include <array>
+#include <cstdint>
 #include <optional>
 #include <string>
 #include <vector>
 
+#include "slf/camera.h"
 #include "slf/error.h"
 #include "slf/field.h"
 #include "slf/shape.h"
@@ -36,6 +39,11 @@ struct Views {
 /// is something else; the message names the place, such as views[1].orbit, and what is expected
 /// there.
 [[nodiscard]] Result<Views> parse_views(const ViewsFile& file, const Sphere& sphere);
+
+/// The camera of a view as the page's address has it: azimuth, elevation, distance and target, of
+/// which the last two are in radii.
+[[nodiscard]] Camera page_camera(const Sphere& sphere, const std::array<double, 6>& view,
+                                 std::uint32_t width, std::uint32_t height);
 
 /// What the page of a field shows first, in place of what its views say.
 struct First {

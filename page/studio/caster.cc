@@ -8,6 +8,7 @@
 #include "base/bytes.h"
 #include "base/guarded.h"
 #include "base/try.h"
+#include "page/views.h"
 #include "slf/image.h"
 #include "source/recipe/options.h"
 
@@ -26,13 +27,8 @@ constexpr double kCoarser = 2;             // factor of light's spacing, and of 
 constexpr int kMovingQuality = 78, kQuality = 90;  // of JPEG
 
 Camera camera_of(const Look& look, const Sphere& own) {
-  const Sphere& sphere = look.sphere.radius > 0 ? look.sphere : own;
-  const auto& o = look.orbit;
-  Camera camera = orbit_camera(sphere, o[0], o[1], o[2], look.width, look.height);
-  const glm::dvec3 aside = sphere.radius * glm::dvec3(o[3], o[4], o[5]);
-  camera.eye += aside;
-  camera.look_at += aside;
-  return camera;
+  return page_camera(look.sphere.radius > 0 ? look.sphere : own, look.orbit, look.width,
+                     look.height);
 }
 
 }  // namespace
