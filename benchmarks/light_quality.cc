@@ -141,7 +141,10 @@ struct Arguments {
   std::uint32_t bounces = LightOptions{}.bounces;
 
   void add_to(CLI::App& app) {
-    source.add_volume_to(app, "VOLUME");
+    source.add_input_to(app, "VOLUME");
+    source.add_to(app, [](const auto& option) {
+      return option.use == recipe::Use::reading || option.name == std::string_view("transfer");
+    });
     app.add_option("--rig", rig)->capture_default_str();
     app.add_option("--size", size)->capture_default_str();
     app.add_option("--views", views)->capture_default_str();
@@ -287,7 +290,7 @@ int main(int argc, char** argv) {
   CLI11_PARSE(app, argc, argv);
 
   Subject subject;
-  arguments.source.finish(0, cli::OnSignal::end);
+  expect(arguments.source.finish(0, cli::OnSignal::end));
   subject.volume = expect(read_volume(arguments.source));
   subject.transfer = expect(read_transfer(arguments.source.transfer)).fit(subject.volume);
   subject.options.step = arguments.step;

@@ -357,8 +357,8 @@ int main(int argc, char** argv) {
   std::uint64_t seed = 1;
   double distance = 3;
   bool json = false;
-  source.add_volume_to(app, "VOLUME");
-  source.add_light_to(app);
+  source.add_input_to(app, "VOLUME");
+  source.add_to(app, [](const auto& option) { return option.use != recipe::Use::field; });
   app.add_option("--system", specs, "Parameterisations, as in the heading")->required();
   app.add_option("--views", views)->capture_default_str();
   app.add_option("--seed", seed)->capture_default_str();
@@ -367,7 +367,7 @@ int main(int argc, char** argv) {
   app.add_flag("--json", json);
   CLI11_PARSE(app, argc, argv);
 
-  source.finish(0, cli::OnSignal::end);
+  expect(source.finish(0, cli::OnSignal::end));
   const auto scene = expect(make_scene(source));
   const Sphere sphere = scene->bounds();
   const auto cameras = random_cameras(sphere, distance, views, seed, size, size);

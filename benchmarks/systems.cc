@@ -169,8 +169,8 @@ void print(const nlohmann::json& result) {
 int main(int argc, char** argv) {
   CLI::App app{"Ray-casting, light field between planes, sphere light field, on the same views"};
   Arguments a;
-  a.source.add_volume_to(app, "VOLUME");
-  a.source.add_light_to(app);
+  a.source.add_input_to(app, "VOLUME");
+  a.source.add_to(app, [](const auto& option) { return option.use != recipe::Use::field; });
   app.add_option("--field", a.fields, "Sphere light fields of the same volume")->required();
   app.add_option("--planes", a.planes, "A:B or A:B:NA:NB");
   app.add_option("--views", a.views)->capture_default_str();
@@ -181,7 +181,7 @@ int main(int argc, char** argv) {
   app.add_option("-j,--threads", a.threads, "0: all cores")->capture_default_str();
   app.add_flag("--json", a.json);
   CLI11_PARSE(app, argc, argv);
-  a.source.finish(a.threads, cli::OnSignal::end);
+  expect(a.source.finish(a.threads, cli::OnSignal::end));
   const nlohmann::json result = measure(a);
   if (a.json)
     std::printf("%s\n", result.dump(2).c_str());

@@ -44,8 +44,8 @@ int main(int argc, char** argv) {
   std::string field_path, out;
   std::uint32_t frames = 12, size = 256;
   double turn = 0;
-  source.add_volume_to(app, "VOLUME");
-  source.add_light_to(app);
+  source.add_input_to(app, "VOLUME");
+  source.add_to(app, [](const auto& option) { return option.use != recipe::Use::field; });
   app.add_option("--field", field_path)->required();
   app.add_option("--frames", frames)->capture_default_str()->check(CLI::Range(1, 1000));
   app.add_option("--turn", turn, "Degrees between frames; default: once around");
@@ -53,7 +53,7 @@ int main(int argc, char** argv) {
   app.add_option("--out", out, "Prefix of the pictures");
   CLI11_PARSE(app, argc, argv);
 
-  source.finish(0, cli::OnSignal::end);
+  expect(source.finish(0, cli::OnSignal::end));
   const auto scene = expect(make_scene(source));
   const auto field = expect(Field::open(field_path));
   const Sphere& sphere = field.shape().sphere;

@@ -288,8 +288,8 @@ void print(const nlohmann::json& result) {
 int main(int argc, char** argv) {
   CLI::App app{"VTK's ray-caster, ours, and a field, on the same views"};
   Arguments a;
-  a.source.add_volume_to(app, "VOLUME");
-  a.source.add_light_to(app);
+  a.source.add_input_to(app, "VOLUME");
+  a.source.add_to(app, [](const auto& option) { return option.use != recipe::Use::field; });
   app.add_option("--field", a.field, "Field of the same volume")->required();
   app.add_option("--views", a.views)->capture_default_str();
   app.add_option("--seed", a.seed)->capture_default_str();
@@ -299,7 +299,7 @@ int main(int argc, char** argv) {
   app.add_option("--pictures", a.pictures, "Write the first view's pictures here, as PREFIX-*.png");
   app.add_flag("--json", a.json);
   CLI11_PARSE(app, argc, argv);
-  a.source.finish(a.threads, cli::OnSignal::end);
+  expect(a.source.finish(a.threads, cli::OnSignal::end));
   const nlohmann::json result = measure(a);
   if (a.json)
     std::printf("%s\n", result.dump(2).c_str());

@@ -136,9 +136,8 @@ class Bench:
             finest = f"{entry << levels}/{exit << levels}"
             self.say(f"building {volume.name}, {finest} cells an edge, {kind}")
             self.run(
-                "slf", "build", *volume.arguments(), "-o", path, "--entry", entry, "--exit", exit,
-                "--levels", levels, "--codec", codec, *([] if depth else ["--no-depth"]),
-                "--lighting", "direct",
+                "slf", "build", *volume.under_direct_light(), "-o", path,
+                "--entry", entry, "--exit", exit, "--levels", levels, "--codec", codec, *([] if depth else ["--no-depth"]),
             )  # fmt: skip
         return path
 
@@ -171,9 +170,7 @@ class Bench:
 
     def raycast(self, volume, name, *camera):
         path = self.work / f"{name}.png"
-        self.run(
-            "slf", "raycast", *volume.arguments(), "-o", path, "-f", "--lighting", "direct", *camera
-        )  # fmt: skip
+        self.run("slf", "raycast", *volume.under_direct_light(), "-o", path, "-f", *camera)
         return path
 
     def render(self, field, name, *camera):

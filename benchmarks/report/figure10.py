@@ -25,7 +25,7 @@ def run(bench, part):
         bench.say(f"turning {volume.title} around")
         frames = 8 if bench.quick else 16
         views = bench.json(
-            "turntable", *volume.arguments(), "--lighting", "direct", "--field", field,
+            "turntable", *volume.under_direct_light(), "--field", field,
             "--frames", frames,
             "--size", 256 if bench.quick else 320, "--out", prefix,
         )  # fmt: skip

@@ -211,7 +211,7 @@ def _worth(bench, part):
             bench.say(f"interpolating {volume.title} from traced samples, {entry}/{exit}")
             wanted = [word for system in systems for word in ("--system", system)]
             results = bench.json(
-                "sampling_quality", *volume.arguments(), "--lighting", "direct",
+                "sampling_quality", *volume.under_direct_light(),
                 *wanted, "--views", 4 if bench.quick else 8,
                 "--size", 256, "--json",
             )  # fmt: skip

@@ -116,7 +116,7 @@ def _grow_volume(bench, part):
         bench.say(f"timing the brain at {side}³")
         row = {"side": side}
         for r in bench.json(
-            "systems", *volume.arguments(), "--lighting", "direct", "--field", field,
+            "systems", *volume.under_direct_light(), "--field", field,
             "--size", 512, "--views", 2,
             "--repeats", 5, "--json",
         )["rows"]:  # fmt: skip

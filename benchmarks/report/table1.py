@@ -69,7 +69,7 @@ def _measure(bench, volume, shape, sizes, smaller, *options):
     tuned = f"{TUNED}:{round(edge * 0.62)}:{round(edge / 0.62)}"
     size = [word for s in sizes for word in ("--size", s)]
     return bench.json(
-        "systems", *volume.arguments(), "--lighting", "direct",
+        "systems", *volume.under_direct_light(),
         *(word for path in [field, *others] for word in ("--field", path)),
         f"--planes={PAPER_LAYOUT}",
         f"--planes={tuned}", *size, "--views", 2 if bench.quick else 4,
@@ -94,7 +94,7 @@ def _measure_vtk(bench, volumes, sizes, part):
         bench.say(f"timing VTK on {volume.title}")
         size = [word for s in sizes for word in ("--size", s)]
         results[volume.name] = bench.json(
-            "vtk_speed", *volume.arguments(), "--lighting", "direct", "--field", field,
+            "vtk_speed", *volume.under_direct_light(), "--field", field,
             *size, "--views", 2,
             "--repeats", 3, "--json",
         )["views"]  # fmt: skip

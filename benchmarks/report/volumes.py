@@ -23,6 +23,11 @@ class Volume:
         transfer = ["--transfer", self.transfer] if self.transfer else []
         return [self.path, *transfer, *self.options]
 
+    def under_direct_light(self):
+        """Its arguments; analytic scenes bring their own light."""
+        light = [] if self.path.startswith("scene:") else ["--lighting", "direct"]
+        return [*self.arguments(), *light]
+
 
 def _packaged(package, ending):
     """The file of an installed Debian package whose path ends so, or None."""
