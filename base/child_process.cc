@@ -65,6 +65,7 @@ bool drop_shared_memory() {
       shared.emplace_back(begin, end);
   }
   for (const auto& [begin, end] : shared)  // nothing else gets these addresses
+    // NOLINTNEXTLINE(performance-no-int-to-ptr): the kernel names them so
     if (::mmap(reinterpret_cast<void*>(begin), end - begin, PROT_NONE,
                MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE | MAP_FIXED, -1, 0) == MAP_FAILED)
       return false;

@@ -53,7 +53,9 @@ concept Vector = requires(const T& v) {
   v.x + v.y + v.z;
 };
 template <class T>
-concept List = std::ranges::range<T> && !Text<T> && !std::is_same_v<T, nlohmann::json>;
+concept Map = requires { typename T::mapped_type; };
+template <class T>
+concept List = std::ranges::range<T> && !Text<T> && !Map<T> && !std::is_same_v<T, nlohmann::json>;
 
 /// JSON whose schema is that of a T.
 template <class T>
@@ -92,8 +94,6 @@ nlohmann::json json_of(const T& value) {
     return std::isfinite(value) ? nlohmann::json(value) : nlohmann::json();
   } else if constexpr (Vector<T>) {
     return {value.x, value.y, value.z};
-  } else if constexpr (requires { typename T::mapped_type; }) {
-    return value;
   } else if constexpr (List<T>) {
     nlohmann::json list = nlohmann::json::array();
     for (const auto& one : value) list.push_back(json_of(one));
@@ -168,7 +168,7 @@ nlohmann::json schema_of() {
     return {{"type", "string"}};
   } else if constexpr (Vector<T>) {
     return schema_of<std::array<double, 3>>();
-  } else if constexpr (requires { typename T::mapped_type; }) {
+  } else if constexpr (Map<T>) {
     return {{"type", "object"}, {"additionalProperties", schema_of<typename T::mapped_type>()}};
   } else if constexpr (List<T>) {
     json schema{{"type", "array"}, {"items", schema_of<std::ranges::range_value_t<T>>()}};

@@ -128,7 +128,8 @@ void add_json(CLI::App& command, bool& json, const std::string& help = "JSON on 
 [[nodiscard]] std::string text_of(const nlohmann::json& json, const char* key,
                                   const std::string& otherwise);
 
-/// Formats numbers as "1.5 GiB" and "12.3 M".
+/// Formats numbers as "1.5 GiB", "12.3 M" and, of seconds, "2:05".
+[[nodiscard]] std::string human_time(double seconds);
 [[nodiscard]] std::string human_bytes(double bytes);
 [[nodiscard]] std::string human_count(double count);
 template <std::integral T>

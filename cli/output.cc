@@ -78,6 +78,13 @@ std::string human_bytes(double bytes) {
 
 std::string human_count(double count) { return scaled(count, 1000, {"", "k", "M", "G", "T"}); }
 
+std::string human_time(double seconds) {
+  if (!(seconds < 1e6)) return "days";
+  const long s = std::lround(seconds);
+  return s < 3600 ? fmt::format("{}:{:02}", s / 60, s % 60)
+                  : fmt::format("{}:{:02}:{:02}", s / 3600, s / 60 % 60, s % 60);
+}
+
 void bound_freed_memory(std::uint64_t budget) {
 #ifdef __GLIBC__
   const std::uint64_t given = budget ? budget : kDefaultBudget;

@@ -17,13 +17,6 @@ namespace {
 
 volatile std::sig_atomic_t signalled = 0;
 
-std::string human_time(double seconds) {
-  if (!(seconds < 1e6)) return "days";
-  const long s = std::lround(seconds);
-  return s < 3600 ? fmt::format("{}:{:02}", s / 60, s % 60)
-                  : fmt::format("{}:{:02}:{:02}", s / 3600, s / 60 % 60, s % 60);
-}
-
 /// A line of --progress json.
 struct ProgressLine {
   std::string task{}, unit{};

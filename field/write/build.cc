@@ -11,6 +11,7 @@
 #include "base/try.h"
 #include "field/field_file.h"
 #include "field/geometry/tile_order.h"
+#include "field/write/plan_build.h"
 #include "field/write/shard_plan.h"
 #include "field/write/tile_tracer.h"
 #include "field/write/train_codec.h"
@@ -123,61 +124,6 @@ Result<std::shared_ptr<const FieldFile>> open_coarser(const Manifest& expected,
   return field;
 }
 
-/// The rays of some tiles, approximately.
-std::uint64_t count_rays(const TileTracer& tracer, const TileOrder& order, unsigned levels,
-                         const TileSelection& tiles) {
-  std::uint64_t rays = 0;
-  for (unsigned level = 0; level <= levels; ++level) {
-    const auto [begin, end] = order.level(level);
-    rays += (tiles.rank(end) - tiles.rank(begin)) * tracer.work(level);
-  }
-  return rays;
-}
-
-std::string text_of(const glm::dvec3& v) { return concat(v.x, ",", v.y, ",", v.z); }
-
-/// The provenance of a scene, with its recipe.
-Result<OwnedJson> provenance_of(const FieldState& state) {
-  const auto parsed = [](const std::string& text) {
-    return nlohmann::json::parse(text, nullptr, /*allow_exceptions=*/false);
-  };
-  OwnedJson json = parsed(state.scene->provenance());
-  if (json->is_object() && !state.recipe.empty()) (*json)["recipe"] = parsed(state.recipe);
-  if (json->is_object()) return json;
-  return fail(ErrorCode::usage, "the scene's provenance is not a JSON object");
-}
-
-/// The manifest of a new field. usage: a setting, or a scene's bounds or provenance, is invalid.
-Result<Manifest> plan(std::span<const FieldState> states, const BuildOptions& options) {
-  Manifest manifest;
-  manifest.shape = options.shape;
-  const bool scene_bounds = manifest.shape.sphere.radius == 0;
-  if (scene_bounds) manifest.shape.sphere = bounds_of(states);
-  const auto& [center, radius] = manifest.shape.sphere;
-  if (auto ok = manifest.shape.check(); !ok)
-    return fail(ok.error().code, scene_bounds ? "around the scene's bounds: " : "",
-                ok.error().message);
-  for (const FieldState& state : states)
-    if (const Sphere visible = state.scene->bounds();
-        !(glm::distance(center, visible.center) < radius + visible.radius))
-      return fail_without(
-          "center", ErrorCode::usage, "a sphere of radius ", radius, " around ", text_of(center),
-          " misses all that is visible", state.name.empty() ? "" : " of state ", state.name,
-          ", which lies around ", text_of(visible.center), " within ", visible.radius);
-  manifest.filtered_levels = manifest.shape.levels;
-  manifest.format = sample_format(options.half, options.depth);
-  const auto plain = SLF_TRY(codec::make_codec(options.codec, manifest.format));
-  manifest.codec = plain->spec();
-  SLF_TRY(manifest.check());
-  std::vector<std::pair<std::string, OwnedJson>> provenances;
-  for (const FieldState& state : states) {
-    auto own = SLF_TRY(provenance_of(state));
-    provenances.emplace_back(state.name, std::move(own));
-  }
-  SLF_TRY(manifest.set_states(provenances));
-  return manifest;
-}
-
 /// Computes the scenes' light, unless an earlier build or another part kept it. Returns what is to
 /// be kept; none if the earlier build has it.
 Result<Bytes> prepare(std::span<const FieldState> states, bool keep, EarlierBuild* earlier,
@@ -195,7 +141,7 @@ Result<Bytes> prepare(std::span<const FieldState> states, bool keep, EarlierBuil
 Result<BuildReport> build(std::span<const FieldState> states, const std::string& path,
                           const BuildOptions& options, const ProgressCallback& progress) {
   if (states.empty()) return misuse(path, "no state to build");
-  auto manifest = SLF_TRY(plan(states, options));
+  auto manifest = SLF_TRY(plan_build(states, options));
   std::vector<const Scene*> scenes;
   std::vector<std::string> inputs{options.shard.coarser};
   for (const FieldState& state : states) {

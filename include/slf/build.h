@@ -106,6 +106,29 @@ struct FieldState {
                                               const std::string& path, const BuildOptions& options,
                                               const ProgressCallback& progress = {});
 
+/// What a build would make, and how long it would take on as many threads.
+struct BuildForecast {
+  std::uint64_t tiles = 0, sampled = 0, rays = 0;
+  double seconds = 0;
+  std::uint64_t file_bytes = 0, file_error_bytes = 0;
+
+  void describe(auto& member) const {
+    member("tiles", tiles, "stored, empty or the same as others");
+    member("tiles_sampled", sampled, "of them, made to estimate the others");
+    member("rays", rays, "approximately");
+    member("seconds", seconds, "estimate, on as many threads; reading the input is not in it");
+    member("file_bytes", file_bytes, "estimate");
+    member("file_error_bytes", file_error_bytes, "half of a 95 % confidence interval");
+  }
+};
+
+/// Makes a sample of the tiles of each level, and writes nothing. Takes the light, and some
+/// hundredths of the time of the build. Parts of fields (BuildOptions::shard) are not regarded.
+/// Progress counts sampled tiles. Errors as build_field(), except those of files.
+[[nodiscard]] Result<BuildForecast> forecast_build(std::span<const FieldState> states,
+                                                   const BuildOptions& options,
+                                                   const ProgressCallback& progress = {});
+
 /// Sets the reveal that a field keeps; no code: removes it. Errors as those of writing fields.
 [[nodiscard]] Result<void> set_reveal(const std::string& path, std::span<const std::byte> code);
 

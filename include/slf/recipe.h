@@ -90,7 +90,7 @@ struct Recipe {
   PictureSceneOptions pictures{};
   std::string depth_cache{};  ///< "none": no file; empty: depth_cache_of() the set
 
-  // The field to build. Its sphere is field_sphere()'s.
+  // The field to build: see field_options().
   BuildOptions field{};
   std::optional<glm::dvec3> center{};
   std::optional<double> radius{};
@@ -175,13 +175,10 @@ class StateScenes {
 
 /// For build_field(). They must not outlive the scenes.
 [[nodiscard]] std::vector<FieldState> field_states(const std::vector<NamedScene>& scenes);
-/// The sphere of the field: around what is visible in any state, but for what the recipe states.
-[[nodiscard]] Sphere field_sphere(const Recipe& recipe, std::span<const FieldState> states);
-
-/// The code of the reveal that the recipe asks for, for BuildOptions; none if it asks for none.
-/// Errors as make_reveal().
-[[nodiscard]] Result<std::vector<std::byte>> reveal_code(const Recipe& recipe,
-                                                         std::span<const FieldState> states);
+/// Recipe::field with the sphere, around what is visible in any state but for what the recipe
+/// states, and with the reveal that the recipe asks for. Errors as make_reveal().
+[[nodiscard]] Result<BuildOptions> field_options(const Recipe& recipe,
+                                                 std::span<const FieldState> states);
 /// Adds a reveal to a finished field. The recipe names the volume that it was built from, and what
 /// `truth_of` needs. usage: it is another volume. Else errors as make_scene(), make_reveal() and
 /// set_reveal().

@@ -1,21 +1,20 @@
 #include "page/studio/studio.h"
 
-#include <atomic>
 #include <chrono>
 #include <cmath>
 #include <filesystem>
-#include <mutex>
 #include <nlohmann/json.hpp>
 #include <set>
-#include <thread>
 
 #include "base/file.h"
 #include "base/guarded.h"
 #include "base/join.h"
 #include "base/nesting.h"
+#include "base/report.h"
 #include "base/try.h"
 #include "page/page.h"
 #include "page/studio/caster.h"
+#include "page/studio/task.h"
 #include "slf/build.h"
 #include "slf/transfer.h"
 #include "source/recipe/options.h"
@@ -135,8 +134,6 @@ struct Studio::State {
   State(Recipe recipe, StudioOptions given)
       : base(std::move(recipe)), options(std::move(given)), caster(options.threads) {}
   ~State() {
-    stop = true;
-    if (builder.joinable()) builder.join();
     if (!kept) (void)keep();
   }
 
@@ -175,8 +172,12 @@ struct Studio::State {
   }
 
   Result<void> save();
+  [[nodiscard]] Result<Recipe> whole() const;
+  template <class T, class Work>
+  void begin(Task<T>& task, const Work& work);
   void build(bool replace);
   json progress();
+  std::optional<Response> forecast();
   json state();
   std::optional<Response> picture(const json& body);
   Response point(const json& body);
@@ -199,15 +200,11 @@ struct Studio::State {
   json histogram;
   std::shared_ptr<const Volume> measured;  ///< that `histogram` and `fitted` are of
 
-  std::mutex mutex;
-  Progress done;  ///< guarded, as down to `outcome`
-  Clock::time_point begun{};
-  std::optional<Result<BuildReport>> outcome;
-  std::atomic<bool> stop = false;
-  bool building = false;
-  std::string folder;  ///< of the field that was built
-  std::thread builder;
+  std::string folder;           ///< of the field that was built
+  std::uint64_t forecast_of{};  ///< the revision
   Caster caster;
+  Task<BuildForecast> forecaster;
+  Task<BuildReport> builder;
 };
 
 /// Writes the recipe with paths that are relative to it.
@@ -235,47 +232,48 @@ Result<void> Studio::State::save() {
   return {};
 }
 
+/// The recipe with its states, to build it.
+Result<Recipe> Studio::State::whole() const {
+  json stated = document;
+  const json states = stated.value("states", json());
+  stated.erase("states");
+  Recipe recipe = SLF_TRY(parse(stated));
+  if (!states.is_null()) SLF_TRY(recipe::add_states(recipe, states, {}));
+  recipe.raycast.lighting.linear = recipe.field.half;
+  recipe.light_volume.threads = recipe.field.threads = options.threads;
+  return recipe;
+}
+
+/// Works on what the recipe makes: its states, and how they are to be built.
+template <class T, class Work>
+void Studio::State::begin(Task<T>& task, const Work& work) {
+  task.start([recipe = whole(), work](const ProgressCallback& progress) -> Result<T> {
+    if (!recipe) return tl::unexpected(recipe.error());
+    Recipe made = *recipe;
+    made.light_volume.progress = progress;
+    const auto scenes = SLF_TRY(make_scenes(made));
+    const auto states = field_states(scenes);
+    const auto field = SLF_TRY(field_options(made, states));
+    return work(states, field, progress);
+  });
+}
+
 void Studio::State::build(bool replace) {
-  stop = false;
-  building = true;
-  {
-    const std::lock_guard lock(mutex);
-    outcome.reset();
-    done = {};
-    begun = Clock::now();
-  }
   caster.pause(true);
-  if (builder.joinable()) builder.join();
-  builder = std::thread([this, replace] {
-    const auto on_progress = [this](const Progress& progress) {
-      const std::lock_guard lock(mutex);
-      done = progress;
-      return !stop;
-    };
-    auto built = guarded([&]() -> Result<BuildReport> {
-      Recipe recipe;
-      recipe.volume = base.volume;
-      SLF_TRY(read_recipe(recipe_path, recipe));
-      recipe.light_volume.threads = recipe.field.threads = options.threads;
-      recipe.light_volume.progress = on_progress;
-      const auto scenes = SLF_TRY(make_scenes(recipe));
-      const auto states = field_states(scenes);
-      BuildOptions field = recipe.field;
-      field.shape.sphere = field_sphere(recipe, states);
-      field.replace = replace;
-      return build_field(states, options.output, field, on_progress);
-    });
-    const std::lock_guard lock(mutex);
-    outcome = std::move(built);
+  forecaster.stop();
+  begin(builder, [this, replace](const auto& states, BuildOptions field, const auto& progress) {
+    field.replace = replace;
+    return build_field(states, options.output, field, progress);
   });
 }
 
 json Studio::State::progress() {
-  if (!building) return nullptr;
-  const std::lock_guard lock(mutex);
+  if (!builder.started()) return nullptr;
+  const Progress done = builder.progress();
   json out{{"done", done.done - done.skipped},
            {"total", done.total - done.skipped},
-           {"seconds", std::chrono::duration<double>(Clock::now() - begun).count()}};
+           {"seconds", builder.seconds()}};
+  const auto outcome = builder.outcome();
   if (!outcome) return out;
   if (*outcome && folder.empty()) {
     auto added = options.show(options.output);
@@ -287,6 +285,29 @@ json Studio::State::progress() {
     out["field"] = folder;
   caster.pause(false);
   return out;
+}
+
+/// What a build would take, of the newest recipe; none: not yet. Without content: it was stopped,
+/// for what matters more.
+std::optional<Response> Studio::State::forecast() {
+  const auto outcome = forecaster.outcome();
+  const bool stopped = outcome && !*outcome && outcome->error().code == ErrorCode::cancelled;
+  if (builder.runs() || (stopped && forecast_of != 0)) {
+    forecast_of = 0;
+    return text(204, "text/plain", "");
+  }
+  if (forecast_of == revision) {
+    if (!outcome) return std::nullopt;
+    return *outcome ? reply(report::json_of(**outcome)) : refusal(outcome->error().message);
+  }
+  forecaster.stop();
+  forecast_of = 0;
+  if (forecaster.runs()) return std::nullopt;
+  forecast_of = revision;
+  begin(forecaster, [](const auto& states, const BuildOptions& field, const auto& progress) {
+    return forecast_build(states, field, progress);
+  });
+  return std::nullopt;
 }
 
 json Studio::State::state() {
@@ -352,6 +373,7 @@ json Studio::State::state() {
 std::optional<Response> Studio::State::picture(const json& body) {
   const auto look = look_of(body);
   if (!look) return refusal("a camera was expected", 400);
+  if (look->moving) forecaster.stop();
   const auto seen = static_cast<Stage>(std::clamp(body.value("seen", 0), 0, 4));
   const auto drawn = caster.picture(body.value("page", std::uint64_t{0}), *look, seen);
   if (!drawn) return std::nullopt;
@@ -408,8 +430,9 @@ std::optional<Response> Studio::State::act(const Request& request, std::string_v
   if (rest == "look") return picture(body);
   if (rest == "point") return point(body);
   if (rest == "presets") return presets(body);
+  if (rest == "forecast") return forecast();
   if (rest == "stop") {
-    stop = true;
+    builder.stop();
     return reply(json::object());
   }
   if (rest == "recipe") {
@@ -425,11 +448,7 @@ std::optional<Response> Studio::State::act(const Request& request, std::string_v
     return reply({{"revision", revision}});
   }
   if (rest == "save" || rest == "build") {
-    const bool running = building && [&] {
-      const std::lock_guard lock(mutex);
-      return !outcome;
-    }();
-    if (rest == "build" && running) return refusal("the build is running already", 409);
+    if (rest == "build" && builder.runs()) return refusal("the build is running already", 409);
     if (const auto saved = save(); !saved) return refusal(saved.error().message);
     if (rest == "build") build(body.value("replace", false));
     return reply({{"save", recipe_path},

@@ -8,6 +8,7 @@
 //   POST "point"       a pixel; answered by the place and the value that it shows
 //   GET  "preset/N"    a small picture of the N-th preset
 //   POST "presets"     {"name", "text"}: a file of transfer functions; answered by those
+//   POST "forecast"    answered by what a build would take (BuildForecast), once that is known
 //   POST "save"        writes the recipe and the saved views
 //   POST "build"       saves, and builds the field; "stop" ends that
 #pragma once

@@ -29,17 +29,15 @@ py::object build(const Recipe& recipe, const Scenes& scenes, const Text& path, s
                  unsigned threads, double commit_seconds, bool force,
                  const std::pair<std::uint32_t, std::uint32_t>& shard, const Levels& only_levels,
                  const Text& coarser, py::object progress) {
-  BuildOptions options = recipe.field;
-  options.memory = memory;
-  options.threads = threads;
-  options.commit_seconds = commit_seconds;
-  options.replace = force;
-  options.shard = {shard.first, shard.second, only_levels[0], only_levels[1], coarser};
   LongCall call(std::move(progress));
   const auto states = states_of(scenes);
-  options.shape.sphere = field_sphere(recipe, states);
   auto built = scenes.front().second.trace(call, [&]() -> Result<BuildReport> {
-    options.reveal = SLF_TRY(reveal_code(recipe, states));
+    auto options = SLF_TRY(field_options(recipe, states));
+    options.memory = memory;
+    options.threads = threads;
+    options.commit_seconds = commit_seconds;
+    options.replace = force;
+    options.shard = {shard.first, shard.second, only_levels[0], only_levels[1], coarser};
     return build_field(states, path, options, call.progress());
   });
   for (const auto& [name, handle] : scenes)

@@ -104,6 +104,11 @@ struct Option {
 /// usage: an option is stated that does not apply to this kind of source, or lacks another.
 [[nodiscard]] Result<void> check_applies(const Recipe& recipe);
 
+/// Adds states, as a recipe states them: [{"name": TEXT, OPTION: VALUE, ...}, ...]. `file` stated
+/// them, in whose folder their paths begin; empty: none.
+[[nodiscard]] Result<void> add_states(Recipe& to, const nlohmann::json& states,
+                                      const std::string& file);
+
 /// What is stated of the source, as JSON that read_recipe() reads: without folders, and without
 /// what a field says itself.
 [[nodiscard]] nlohmann::json to_json(const Recipe& recipe);

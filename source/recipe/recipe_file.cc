@@ -60,22 +60,6 @@ Result<RecipeState> state_of(json state, const std::string& file) {
   return made;
 }
 
-Result<void> add_states(Recipe& to, const json& states, const std::string& file) {
-  if (!states.is_array() || states.empty())
-    return fail(ErrorCode::usage, "states: expected [{\"name\": TEXT, OPTION: VALUE, ...}, ...]");
-  if (states.size() > kMaxStates)
-    return fail(ErrorCode::usage, states.size(), " states; a field has at most ", kMaxStates);
-  std::set<std::string> names;
-  for (std::size_t k = 0; k < states.size(); ++k) {
-    auto state = state_of(states[k], file);
-    if (!state) return fail_in(state.error(), "states[", k, "]: ");
-    if (!names.insert(state->name).second)
-      return fail(ErrorCode::usage, "states[", k, "]: has the name of another, ", state->name);
-    to.states.push_back(std::move(*state));
-  }
-  return {};
-}
-
 /// "labels-volume" as "labels_volume", in all objects but those that are values.
 json with_underscores(const json& from) {
   json to = json::object();
@@ -127,6 +111,22 @@ Result<void> add_state(StateScenes& to, const Recipe& common, const RecipeState&
 
 }  // namespace
 
+Result<void> recipe::add_states(Recipe& to, const json& states, const std::string& file) {
+  if (!states.is_array() || states.empty())
+    return fail(ErrorCode::usage, "states: expected [{\"name\": TEXT, OPTION: VALUE, ...}, ...]");
+  if (states.size() > kMaxStates)
+    return fail(ErrorCode::usage, states.size(), " states; a field has at most ", kMaxStates);
+  std::set<std::string> names;
+  for (std::size_t k = 0; k < states.size(); ++k) {
+    auto state = state_of(states[k], file);
+    if (!state) return fail_in(state.error(), "states[", k, "]: ");
+    if (!names.insert(state->name).second)
+      return fail(ErrorCode::usage, "states[", k, "]: has the name of another, ", state->name);
+    to.states.push_back(std::move(*state));
+  }
+  return {};
+}
+
 bool is_recipe(std::string_view input) {
   return input.ends_with(".json") && !input.starts_with(recipe::kPicturesPrefix);
 }
@@ -150,7 +150,7 @@ Result<void> read_recipe(const std::string& path, Recipe& to) try {
   }
   const auto ok = [&]() -> Result<void> {
     SLF_TRY(set_all(to, options, folder_of(path), std::set(to.stated)));
-    if (!states.is_null()) SLF_TRY(add_states(to, states, path));
+    if (!states.is_null()) SLF_TRY(recipe::add_states(to, states, path));
     return {};
   }();
   if (ok) return {};
@@ -188,13 +188,6 @@ std::vector<FieldState> field_states(const std::vector<NamedScene>& scenes) {
   std::vector<FieldState> states;
   for (const NamedScene& one : scenes) states.push_back({one.name, one.scene.get(), one.recipe});
   return states;
-}
-
-Sphere field_sphere(const Recipe& recipe, std::span<const FieldState> states) {
-  Sphere sphere = bounds_of(states);
-  if (recipe.center) sphere.center = *recipe.center;
-  if (recipe.radius) sphere.radius = *recipe.radius;
-  return sphere;
 }
 
 }  // namespace slf

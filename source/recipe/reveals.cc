@@ -63,16 +63,26 @@ Result<std::vector<std::string>> shown_of(const Field& field, const Volume& volu
   return shown;
 }
 
-}  // namespace
-
+/// The code of the reveal that the recipe asks for.
 Result<std::vector<std::byte>> reveal_code(const Recipe& recipe,
-                                           std::span<const FieldState> states) try {
-  if (!recipe.reveal) return std::vector<std::byte>();
+                                           std::span<const FieldState> states) {
   const auto options = SLF_TRY(options_of(recipe));
   std::vector<const Scene*> scenes;
   for (const FieldState& state : states) scenes.push_back(state.scene);
   const auto reveal = SLF_TRY(make_reveal(scenes, options));
   return encode(reveal, options.threads);
+}
+
+}  // namespace
+
+Result<BuildOptions> field_options(const Recipe& recipe, std::span<const FieldState> states) try {
+  BuildOptions options = recipe.field;
+  Sphere& sphere = options.shape.sphere;
+  sphere = bounds_of(states);
+  if (recipe.center) sphere.center = *recipe.center;
+  if (recipe.radius) sphere.radius = *recipe.radius;
+  if (recipe.reveal) options.reveal = SLF_TRY(reveal_code(recipe, states));
+  return options;
 } catch (...) {
   return tl::unexpected(error_of_exception());
 }

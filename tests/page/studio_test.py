@@ -179,8 +179,13 @@ class StudioTest(unittest.TestCase):
             self.fine(page)
             page.run("document.querySelector('#planes button:last-child').click()")
             self.fine(page)
+            page.wait("document.getElementById('forecast').textContent.includes('MiB')", 60)
+            forecast = page.run("parseFloat(document.getElementById('forecast').textContent"
+                                ".match(/[0-9.e+-]+/)[0])") * 2**20
             page.run("document.getElementById('build').click()")
             page.wait("!document.getElementById('result').hidden", 240)
+            size = os.path.getsize(path("ball.slf"))
+            self.assertAlmostEqual(forecast, size, delta=0.2 * size + 2**15)
             page.run("document.getElementById('field').removeAttribute('target')")
             page.run("document.getElementById('field').click()")
             page.wait("globalThis.slf?.state === 'settled'", 240)

@@ -121,6 +121,23 @@ const look = (moving) => ({
   page, serial, moving, sphere, size: sizes(), seen: shown.serial === serial ? shown.stage : 0,
   orbit: [camera.azimuth, camera.elevation, camera.distance, ...camera.target]});
 
+// Tells what a build would take, while nothing changes.
+let forecast = 0;  // the revision that it is of
+async function tellForecast() {
+  if (forecast === state.revision) return;
+  const revision = forecast = state.revision;
+  byId('forecast').textContent = 'Estimating size and time …';
+  try {
+    const answer = await post('forecast');
+    if (revision !== state.revision) return;
+    if (answer.status === 204) return forecast = 0;  // asked again at the next rest
+    const {file_bytes: bytes, seconds, rays} = await answer.json();
+    byId('forecast').textContent = `About ${(bytes / 2 ** 20).toPrecision(3)} MiB, ` +
+      `${clock(seconds)}, ${(rays / 1e6).toPrecision(3)} million rays`;
+  } catch (error) {
+    byId('forecast').textContent = error.status ? error.message : '';
+  }
+}
 // Shows pictures of the newest look, better and better, for ever.
 async function draw() {
   for (let last = 0, complete = false, then = performance.now();; ) {
@@ -154,6 +171,7 @@ async function draw() {
       globalThis.studio.pictures.push({...shown, bitmap: undefined, width: bitmap.width, moving,
                                        last: header('Last') === '1', at: performance.now()});
       if (shown.stage >= kDirect && !state.box) await load();
+      if (complete) tellForecast();
       showHandle();
     } catch (error) {
       if (error.name === 'AbortError') continue;

@@ -46,6 +46,47 @@ TEST(Build, EveryTileOfEveryLevelIsThere) {
   EXPECT_GT(content->levels[2].empty, 0);
 }
 
+TEST(Build, IsForecast) {
+  TemporaryFolder folder;
+  const auto scene = balls();
+  const FieldState states[]{{"one", scene.get()}, {"same", scene.get()}};
+  for (const std::size_t count : {1, 2}) {
+    const auto shown = std::span<const FieldState>(states).first(count);
+    BuildOptions options;
+    options.shape.entry_side = 4, options.shape.exit_side = 16, options.shape.levels = 2;
+    Progress last;
+    const auto forecast = forecast_build(shown, options, [&](const Progress& progress) {
+      last = progress;
+      return true;
+    });
+    ASSERT_TRUE(forecast) << forecast.error().message;
+    EXPECT_EQ(last.done, last.total);
+    EXPECT_EQ(last.total, forecast->sampled);
+    EXPECT_LT(forecast->sampled, forecast->tiles / 16);
+    EXPECT_GT(forecast->seconds, 0);
+    std::uint64_t rays = 0;
+    ASSERT_TRUE(build_field(shown, folder / "a.slf", options, [&](const Progress& progress) {
+      rays = progress.total;
+      return true;
+    }));
+    EXPECT_EQ(forecast->rays, rays);
+    const auto bytes = static_cast<double>(std::filesystem::file_size(folder / "a.slf"));
+    EXPECT_NEAR(static_cast<double>(forecast->file_bytes), bytes, 0.2 * bytes);
+    std::filesystem::remove(folder / "a.slf");
+  }
+}
+
+TEST(Build, AForecastStopsAndNamesWrongSettings) {
+  const auto scene = balls();
+  const FieldState state{"", scene.get()};
+  BuildOptions options;
+  const auto stopped = forecast_build({&state, 1}, options, [](const Progress&) { return false; });
+  ASSERT_FALSE(stopped);
+  EXPECT_EQ(stopped.error().code, ErrorCode::cancelled);
+  options.codec = "mpeg";
+  EXPECT_EQ(forecast_build({&state, 1}, options).error().code, ErrorCode::usage);
+}
+
 TEST(Build, ProgressCountsTheRaysThatAreTraced) {
   TemporaryFolder folder;
   std::atomic<std::uint64_t> traced = 0;
