@@ -142,9 +142,8 @@ void SourceArguments::add_to(CLI::App& command,
 
 void SourceArguments::add_states_to(CLI::App& command) {
   add_file(command, "--states", states_file,
-           "States of the object, in one field: a JSON file of their names and options, as\n"
-           "{\"states\": [{\"name\": \"bone\", \"transfer\": \"ct-bone\"},\n"
-           "{\"name\": \"skin\", \"transfer\": \"ct-skin\"}]} (doc/states.md)");
+           "States of the object, in one field: a JSON file of their names and options\n"
+           "(doc/states.md)");
 }
 
 }  // namespace slf::cli

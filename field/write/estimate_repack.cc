@@ -53,10 +53,13 @@ Result<RepackEstimate> estimate_repack(const Field& handle, const RepackOptions&
 
   SizeEstimate total;
   if (plan.copy) total = SLF_TRY(count(handle, shape));
-  for (unsigned level = 0; !plan.copy && level <= shape.levels; ++level)
-    total += SLF_TRY(at_place(sample_tiles(*plan.source, coder, order, order.level(level), kSample,
-                                           thread_count(options.threads), reporter),
-                              handle.path()));
+  for (unsigned level = 0; !plan.copy && level <= shape.levels; ++level) {
+    const auto sampled =
+        SLF_TRY(at_place(sample_tiles(*plan.source, coder, order, order.level(level), kSample,
+                                      thread_count(options.threads), reporter),
+                         handle.path()));
+    total += sampled;
+  }
   std::size_t kept = codec->tables().size();
   for (const auto& [name, bytes] : plan.kept) kept += bytes.size();
   const FileEstimate file = file_estimate(shape, total, kept);

@@ -44,9 +44,11 @@ Result<BuildForecast> forecast_build(std::span<const FieldState> states,
 
   const TileCoder coder(shape, manifest.format, *codec, geometries, states.size() > 1);
   SizeEstimate total;
-  for (unsigned level = 0; level <= shape.levels; ++level)
-    total += SLF_TRY(sample_tiles(tracer, coder, order, order.level(level),
-                                  sampled_tiles(shape, level), threads, reporter));
+  for (unsigned level = 0; level <= shape.levels; ++level) {
+    const auto sampled = SLF_TRY(sample_tiles(tracer, coder, order, order.level(level),
+                                              sampled_tiles(shape, level), threads, reporter));
+    total += sampled;
+  }
   TileSelection all;
   all.add({0, order.count()});
   std::size_t kept = codec->tables().size() + options.reveal.size();

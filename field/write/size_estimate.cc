@@ -56,7 +56,9 @@ Result<SampledTile> encode_sample(const TileSource& source, const TileCoder& cod
   double begin = thread_seconds();
   SLF_TRY(source.tile(key, tile));
   sampled.seconds = thread_seconds() - begin;
-  if (tile.ref.state != TileState::stored || SLF_TRY(is_repeated(source, tile))) return sampled;
+  if (tile.ref.state != TileState::stored) return sampled;
+  const bool repeated = SLF_TRY(is_repeated(source, tile));
+  if (repeated) return sampled;
   const std::vector<TileKey> references = coder.choose(key, tile.samples);
   std::vector<SourceTile> tiles(references.size());
   std::vector<ReferenceSamples> from;

@@ -235,7 +235,7 @@ std::vector<Option> make_options() {
                "type", kReading, scalar, "Raw files: type of a voxel",
                [](auto& r) -> auto& { return r.raw.type; }))
       .needs = "dims";
-  add(row(
+  add_rare(row(
       "spacing", kReading, numbers("DXxDYxDZ", 3, kMinLength, kMaxLength, 'x'),
       "Distance between voxels; default: what the file says, or 1",
       [](auto& r) -> auto& { return r.reading.spacing; }));
@@ -408,9 +408,7 @@ std::vector<Option> make_options() {
   // The field.
   add(flag(
       "each_label", kStates,
-      "Build a state of each structure of a label volume, to be drawn together, or some of them: "
-      "labels of one name in {label_table} are one structure. Light is that of all: what is hidden "
-      "keeps its shadows",
+      "Build a state of each structure of a label volume (doc/structures.md)",
       [](auto& r) -> auto& { return r.each_label; }));
   add_rare(flag(
                "each_time", kStates, "Build a state of each time point of a file or series",
