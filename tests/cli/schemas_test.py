@@ -51,6 +51,7 @@ CASES = {
     "evaluate": ["evaluate F.slf --volume scene:balls --views 2 --size 32 --json",
                  "evaluate F.slf --pictures balls --json"],
     "compare": ["compare F.png F.png --json", "compare F.png G.png --json"],
+    "build": ["build scene:fog --quality draft --dry-run --json"],
     "repack": ["repack F.slf -o H.slf -f --json", "repack F.slf -o H.slf -f --levels 0 --json",
                "repack F.slf --codec predictive:50 --dry-run --json",
                "repack S.slf --split-states -o {state}.slf --json"],
