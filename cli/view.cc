@@ -207,6 +207,11 @@ void add_export(CLI::App& app, Run& run) {
             "Choose quality and levels so that the page fits; 0: no limit");
   command->add_option("--views", a->views, kViews)->type_name(kViewsFile);
   a->first.add_to(*command);
+  command->add_option("--title", a->options.title, "What the page says it shows, above its views");
+  command
+      ->add_option("--url", a->options.url,
+                   "Where the page will be, for the pictures of links to it in other programs")
+      ->type_name("URL");
   command->add_flag("-f,--force", a->force, "Overwrite the output");
   add_json<page::ExportReport>(*command, a->json);
 }

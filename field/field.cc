@@ -202,11 +202,8 @@ Result<ByteSpan> FieldFile::kept(const char* blob) const {
 }
 
 Result<Field> Field::open(const std::string& path) {
-  return guarded([&] { return FieldFile::open(path); }).map([](auto file) {
-    return Field(std::move(file));
-  });
-  // The analyzer loses sight of the shared pointer.
-  // NOLINTNEXTLINE(clang-analyzer-cplusplus.NewDeleteLeaks)
+  auto file = SLF_TRY(guarded([&] { return FieldFile::open(path); }));
+  return Field(std::move(file));
 }
 
 const std::string& Field::path() const { return file_->path(); }

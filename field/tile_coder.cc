@@ -78,8 +78,8 @@ struct TileCoder::Relation {
         finer(coder.geometries_(key.level)),
         sections(sections_of(key, coder.shape_.entry_extra_levels)),
         rows(find_references(coarser, finer, sections.entry.index)),
-        // NOLINTNEXTLINE(clang-analyzer-optin.cplusplus.UninitializedObject): initialized there
         candidates(coarser, rows, sections, key.state),
+        // NOLINTNEXTLINE(clang-analyzer-optin.cplusplus.UninitializedObject): initialized there
         four_taps(coder.codec_.four_taps()) {}
 
   /// Predicts the tile, lets `adjust` change that, and calls `code` with the result. Colours of

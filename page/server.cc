@@ -345,7 +345,8 @@ Result<Server> Server::make(std::span<const std::string> fields, const ServerOpt
   }
   state->views = views.json;
   state->studio = options.studio;
-  state->index = page_with("src=\"field.slf\" own" + views.attributes +
+  state->index = page_with(views.about,
+                           "src=\"field.slf\" own" + views.attributes +
                                (views.json.empty() ? "" : " views=\"views.json\""),
                            "");
   std::size_t hash = std::hash<std::string>()(state->index + state->views);

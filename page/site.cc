@@ -12,6 +12,7 @@
 #include <utility>
 
 #include "base/bytes.h"
+#include "base/join.h"
 #include "base/reporter.h"
 #include "base/try.h"
 #include "field/field_file.h"
@@ -87,7 +88,7 @@ void replace_first(std::string& text, std::string_view what, std::string_view by
 
 /// What the page shows before any script runs: its first view, on dark and on light.
 struct Posters {
-  std::string title, dark, light;  ///< JPEG files
+  std::string dark, light;  ///< JPEG files
   std::string first;  ///< ranges in the file, "BEGIN-END …", of the tiles of level 0 of that view
 };
 
@@ -108,11 +109,6 @@ Result<Posters> make_posters(Field field, const Views& views) {
   Renderer renderer(field);
   const RenderMode mode = field.has_depth() ? RenderMode::depth : RenderMode::bitri;
   Posters posters;
-  const auto provenance = nlohmann::json::parse(field.provenance(), nullptr, false);
-  if (provenance.is_object())
-    for (const char* key : {"name", "source"})
-      if (provenance.contains(key) && provenance[key].is_string())
-        posters.title = fs::path(provenance[key].get<std::string>()).filename().string();
   ViewStatistics coarse;
   SLF_TRY(renderer.render(camera, {mode, 0}, &coarse));
   const std::vector itself{Structure{field}};
@@ -137,31 +133,55 @@ Result<Posters> make_posters(Field field, const Views& views) {
   return posters;
 }
 
-/// The elements of a page with posters at these addresses: its head, and what the element contains.
-std::string poster_head(const Posters& posters, std::string_view image) {
-  const std::string title = escape_html(posters.title);
-  return "<meta property=\"og:title\" content=\"" + title + "\">\n" +
-         (image.empty() || posters.dark.empty()
-              ? ""
-              : "<meta property=\"og:image\" content=\"" + std::string(image) + "\">\n");
-}
-std::string poster_element(const Posters& posters, const std::string& dark,
-                           const std::string& light) {
-  if (posters.dark.empty()) return "";
-  return "<picture slot=\"poster\"><source media=\"(prefers-color-scheme: light)\" srcset=\"" +
-         light + "\"><img src=\"" + dark + "\" alt=\"" + escape_html(posters.title) +
-         "\"></picture>\n";
+std::string meta(std::string_view key, std::string_view name, std::string_view content) {
+  if (content.empty()) return "";
+  return concat("<meta ", key, "=\"", name, "\" content=\"", escape_html(content), "\">\n");
 }
 
-/// The page with its own title, and with more in its head, before the elements that refer to files.
-std::string page_html(const Posters& posters, std::string html, const std::string& head) {
-  if (!posters.title.empty())
-    replace_first(html, "<title>Sphere light field", "<title>" + escape_html(posters.title));
+/// What search engines, and programs that show links, read of a page, in its head. `image` is
+/// relative to `url`; either may be empty.
+std::string described(const About& about, std::string_view url, std::string_view image) {
+  const std::string folder(url.substr(0, url.rfind('/') + 1));
+  const std::string shown = image.empty() ? "" : concat(folder, image);
+  return meta("name", "description", about.description) + meta("name", "author", about.author) +
+         meta("property", "og:type", "website") + meta("property", "og:title", about.title) +
+         meta("property", "og:description", about.description) + meta("property", "og:url", url) +
+         meta("property", "og:image", shown) +
+         meta("name", "twitter:card", shown.empty() ? "" : "summary_large_image");
+}
+
+/// What the element contains before any script runs.
+std::string poster_element(const Posters& posters, const About& about, const std::string& dark,
+                           const std::string& light) {
+  if (posters.dark.empty()) return "";
+  return concat(
+      "<picture slot=\"poster\"><source media=\"(prefers-color-scheme: light)\" srcset=\"", light,
+      "\"><img src=\"", dark, "\" alt=\"", escape_html(about.title), "\"></picture>\n");
+}
+
+/// The page with more in its head, before the elements that refer to files.
+std::string with_head(std::string html, const std::string& head) {
   return html.insert(html.find("<link rel=\"stylesheet\""), head);
 }
 
+/// What the panel says of the field, below its title.
+std::string about_element(const About& about) {
+  std::string parts = escape_html(about.description);
+  const auto add = [&](const std::string& html) {
+    if (!html.empty()) parts += (parts.empty() ? "" : " · ") + html;
+  };
+  add(escape_html(about.author));
+  add(escape_html(about.licence));
+  if (!about.source.empty())
+    add("<a href=\"" + escape_html(about.source) + "\" rel=\"noopener\">Source</a>");
+  if (about.title.empty() && parts.empty()) return "";
+  return concat("<p slot=\"about\" data-title=\"", escape_html(about.title), "\">", parts,
+                "</p>\n");
+}
+
 Result<void> export_page(const Field& field, const std::string& input, const std::string& output,
-                         const Views& views, const ProgressCallback& progress) {
+                         const Views& views, const std::string& url,
+                         const ProgressCallback& progress) {
   if (field.file_bytes() > kMaxEmbeddedBytes)
     return unsupported(input, field.file_bytes(), " bytes are too many for one page; ",
                        "export to a folder, or make it smaller with slf repack");
@@ -182,11 +202,11 @@ Result<void> export_page(const Field& field, const std::string& input, const std
   const auto inlined = [](std::string_view file) {
     return "data:image/jpeg;base64," + base64(file);
   };
-  std::string page = page_html(
-      posters,
-      page_with(views.attributes,
-                poster_element(posters, inlined(posters.dark), inlined(posters.light))),
-      poster_head(posters, "") + "<style>\n" + std::string(file_named(kStyleFile)) + "</style>\n");
+  std::string page = with_head(
+      page_with(
+          views.about, views.attributes,
+          poster_element(posters, views.about, inlined(posters.dark), inlined(posters.light))),
+      concat(described(views.about, url, ""), "<style>\n", file_named(kStyleFile), "</style>\n"));
   const std::size_t links = page.find("<link rel=\"stylesheet\"");
   page.erase(links, page.find("</head>") - links);
   replace_first(page, "</body>", scripts + "</body>");
@@ -194,7 +214,8 @@ Result<void> export_page(const Field& field, const std::string& input, const std
 }
 
 Result<void> export_site(const Field& field, const std::string& input, const std::string& folder,
-                         const Views& views, const ProgressCallback& progress) {
+                         const Views& views, const std::string& url,
+                         const ProgressCallback& progress) {
   const std::uint64_t size = field.file_bytes();
   std::error_code error;
   fs::create_directories(folder, error);
@@ -209,13 +230,15 @@ Result<void> export_site(const Field& field, const std::string& input, const std
     SLF_TRY(index_field(copy->path(), [&] { return !progress || progress({size, size, 0}); }));
   }
   const auto posters = SLF_TRY(make_posters(field, views));
-  const std::string element =
-      page_with("src=\"field.slf\" first=\"" + posters.first + "\"" + views.attributes +
-                    (views.json.empty() ? "" : " views=\"" + std::string(kViewsFile) + "\""),
-                poster_element(posters, std::string(kDarkPoster), std::string(kLightPoster)));
+  const std::string element = page_with(
+      views.about,
+      "src=\"field.slf\" first=\"" + posters.first + "\"" + views.attributes +
+          (views.json.empty() ? "" : " views=\"" + std::string(kViewsFile) + "\""),
+      poster_element(posters, views.about, std::string(kDarkPoster), std::string(kLightPoster)));
   for (const auto& [name, text] : std::initializer_list<std::pair<std::string_view, std::string>>{
-           {kIndexFile, page_html(posters, element,
-                                  poster_head(posters, kDarkPoster) + std::string(kSlashScript))},
+           {kIndexFile, with_head(element, described(views.about, url,
+                                                     posters.dark.empty() ? "" : kDarkPoster) +
+                                               std::string(kSlashScript))},
            {kDarkPoster, posters.dark},
            {kLightPoster, posters.light},
            {kStyleFile, std::string(file_named(kStyleFile))},
@@ -316,10 +339,12 @@ std::string escape_html(std::string_view text) {
   return html;
 }
 
-std::string page_with(std::string_view attributes, std::string_view content) {
+std::string page_with(const About& about, std::string_view attributes, std::string_view content) {
   std::string html(file_named(kIndexFile));
   replace_first(html, "<slf-field src=\"field.slf\" own address>\n",
-                "<slf-field " + std::string(attributes) + " address>\n" + std::string(content));
+                concat("<slf-field ", attributes, " address>\n", about_element(about), content));
+  if (!about.title.empty())
+    replace_first(html, "<title>Sphere light field", "<title>" + escape_html(about.title));
   return html;
 }
 
@@ -327,8 +352,11 @@ Result<ExportReport> export_field(const std::string& input, const std::string& o
                                   const ExportOptions& options, const ProgressCallback& tiles,
                                   const ProgressCallback& bytes) {
   SLF_TRY(check_export(input, output, options.existing));
+  if (!options.url.empty() && !is_address(options.url))
+    return fail_without("url", ErrorCode::usage, "an address was expected, https://…");
   const auto field = SLF_TRY(Field::open(input));
   auto views = SLF_TRY(parse_views(options.views, field.shape().sphere));
+  if (!options.title.empty()) views.about.title = options.title;
   const auto file = SLF_TRY(repack_if_requested(field, output, options, tiles));
   const bool smaller = file.get() >= 0;
   const auto exported = SLF_TRY(smaller ? Field::open(path_of_descriptor(file.get())) : field);
@@ -336,8 +364,8 @@ Result<ExportReport> export_field(const std::string& input, const std::string& o
     if (!smaller || !begin_with(options.first, field, views)) return tl::unexpected(begun.error());
     return fail(ErrorCode::usage, "what the page shows first is not among the states to keep");
   }
-  SLF_TRY(is_page_name(output) ? export_page(exported, input, output, views, bytes)
-                               : export_site(exported, input, output, views, bytes));
+  SLF_TRY(is_page_name(output) ? export_page(exported, input, output, views, options.url, bytes)
+                               : export_site(exported, input, output, views, options.url, bytes));
   return ExportReport{output, exported.file_bytes(), exported.shape().levels};
 }
 

@@ -19,15 +19,18 @@ inline constexpr std::uint64_t kMaxEmbeddedBytes = std::uint64_t{1} << 30;
 /// Text as HTML has it in a quoted attribute.
 [[nodiscard]] std::string escape_html(std::string_view text);
 
-/// The page's index.html. Its element has these attributes, in place of its own, and content before
-/// its own.
-[[nodiscard]] std::string page_with(std::string_view attributes, std::string_view content);
+/// The page's index.html, which says what it is about. Its element has these attributes, in place
+/// of its own, and content before its own.
+[[nodiscard]] std::string page_with(const About& about, std::string_view attributes,
+                                    std::string_view content);
 
 struct ExportOptions {
   std::vector<std::string> states{};  ///< to keep, by their names or numbers; none: all
   RepackOptions repack{};             ///< codec, levels and depths to keep, threads
   std::uint64_t max_size = 0;         ///< bytes of all that is written; 0: no limit
   ViewsFile views{};
+  std::string title{};  ///< in place of that of the views
+  std::string url{};    ///< where the page will be, for those who show links to it
   First first{};
   Existing existing = Existing::keep;
 };

@@ -24,7 +24,7 @@ constexpr std::uint64_t kMaxBytes = 1 << 20;
 constexpr std::size_t kMaxEntries = 500;
 constexpr double kMaxNumber = 1e12;
 
-enum class Kind { title, text, orbit, point, titles };
+enum class Kind { title, text, address, orbit, point, titles };
 struct Member {
   std::string_view name;
   Kind kind;
@@ -35,6 +35,11 @@ constexpr Member kView[] = {{"title", Kind::title, true},
                             {"orbit", Kind::orbit, true},
                             {"target", Kind::point, false},
                             {"structures", Kind::titles, false}};
+constexpr Member kAbout[] = {{"title", Kind::title, true},
+                             {"description", Kind::text, false},
+                             {"author", Kind::text, false},
+                             {"licence", Kind::text, false},
+                             {"source", Kind::address, false}};
 constexpr Member kNote[] = {
     {"label", Kind::title, true}, {"text", Kind::text, false}, {"point", Kind::point, true}};
 
@@ -51,6 +56,9 @@ std::string_view expected(const json& value, Kind kind) {
       return "a text that is not empty";
     case Kind::text:
       return value.is_string() ? "" : "a text";
+    case Kind::address:
+      if (value.is_string() && is_address(value.get_ref<const std::string&>())) return "";
+      return "an address, https://…";
     case Kind::orbit:
       if (three && std::abs(value[1].get<double>()) <= 90 && value[2].get<double>() > 0 &&
           value[2].get<double>() <= kMaxOrbit)
@@ -118,6 +126,11 @@ Result<ViewsFile> read_views(const std::string& path) {
   return ViewsFile{path, bytes.empty() ? " " : std::string(chars_of(bytes))};
 }
 
+bool is_address(std::string_view text) {
+  return (text.starts_with("https://") || text.starts_with("http://")) &&
+         std::ranges::none_of(text, [](unsigned char c) { return c <= ' ' || c == '"'; });
+}
+
 Result<Views> parse_views(const ViewsFile& file, const Sphere& sphere) {
   const auto& [path, text] = file;
   if (text.empty()) return Views{};
@@ -131,12 +144,21 @@ Result<Views> parse_views(const ViewsFile& file, const Sphere& sphere) {
   } catch (const std::exception& error) {
     return bad_file(path, error.what());
   }
-  if (!root.is_object() || !(root.contains("views") || root.contains("notes")))
+  if (!root.is_object() || root.empty())
     return fail(ErrorCode::bad_file, path,
-                R"(: expected an object with the lists "views" and "notes", or one of them)");
+                R"(: expected an object with the lists "views" and "notes", and "about")");
+  Views views;
+  if (const auto about = root.find("about"); about != root.end()) {
+    SLF_TRY(check_entry(*about, kAbout, path + ": about"));
+    const auto text = [&](const char* name) { return about->value(name, ""); };
+    views.about = {text("title"), text("description"), text("author"), text("licence"),
+                   text("source")};
+    root.erase(about);
+  }
   for (const auto& [name, list] : root.items()) {
     if (name != "views" && name != "notes")
-      return bad_file(path, "no member \"", name, R"(" is known; those are "views" and "notes")");
+      return bad_file(path, "no member \"", name,
+                      R"(" is known; those are "views", "notes" and "about")");
     if (!list.is_array() || list.size() > kMaxEntries)
       return bad_file(path, name, ": expected a list of at most ", kMaxEntries);
     const auto& members = name == "views" ? std::span<const Member>(kView) : kNote;
@@ -145,7 +167,7 @@ Result<Views> parse_views(const ViewsFile& file, const Sphere& sphere) {
     for (std::size_t i = 0; i < list.size(); ++i)
       SLF_TRY(check_entry(list[i], members, std::string(place).append(std::to_string(i)) += "]"));
   }
-  Views views{.json = root.dump(-1, ' ', /*ensure_ascii=*/true)};
+  if (!root.empty()) views.json = root.dump(-1, ' ', /*ensure_ascii=*/true);
   for (std::size_t at = 0; (at = views.json.find('<', at)) != std::string::npos;)
     views.json.replace(at, 1, "\\u003c");
   if (const json list = root.value("views", json::array()); !list.empty()) {

@@ -2,13 +2,15 @@
 //
 //   {"views": [{"title": "From the left", "text": "See https://example.org", "orbit": [90, 0, 3],
 //               "target": [0, 16, 8], "structures": ["stem:0.3"]}],
-//    "notes": [{"label": "Frontal lobe", "text": "…", "point": [1.5, -60, 20]}]}
+//    "notes": [{"label": "Frontal lobe", "text": "…", "point": [1.5, -60, 20]}],
+//    "about": {"title": "A brain", "author": "A. Author", "licence": "CC BY 4.0"}}
 #pragma once
 
 #include <array>
 #include <cstdint>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "slf/camera.h"
@@ -26,14 +28,24 @@ struct ViewsFile {
 /// io: the file cannot be read.
 [[nodiscard]] Result<ViewsFile> read_views(const std::string& path);
 
+/// What a page says of itself, as plain text; empty: nothing.
+struct About {
+  std::string title{}, description{}, author{}, licence{};
+  std::string source{};  ///< an address, https://…
+};
+
 /// Views that were checked.
 struct Views {
   std::string json{};            ///< without '<'; empty if there are none
   std::vector<double> camera{};  ///< of the first view, as the page's address has it; may be empty
   std::optional<std::vector<std::string>> structures{};  ///< that the first view shows
-  std::string state{};       ///< of the object, that is shown first; empty: state 0
+  std::string state{};  ///< of the object, that is shown first; empty: state 0
+  About about{};
   std::string attributes{};  ///< of the page's element for the first view, each after a space
 };
+
+/// Whether a link may lead there: only to pages.
+[[nodiscard]] bool is_address(std::string_view text);
 
 /// Checks a file of views and notes (schemas/views.json) for a field with this sphere. bad_file: it
 /// is something else; the message names the place, such as views[1].orbit, and what is expected

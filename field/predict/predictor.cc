@@ -156,9 +156,9 @@ void TilePredictor::predict(std::span<const ReferenceTile> from, bool four_taps,
     if (stride_ == 2) {
       upsample(1);
       std::uint32_t* const spread = &spread_color[line + 1];
-      const std::uint32_t* from = color.data();
-      for (std::size_t q = 0, length = side_ / 2 + 1; length > 0; ++q, from += length--)
-        std::copy_n(from, length, spread + q * line);
+      const std::uint32_t* coarse = color.data();
+      for (std::size_t q = 0, length = side_ / 2 + 1; length > 0; ++q, coarse += length--)
+        std::copy_n(coarse, length, spread + q * line);
       upsample_colors(side_, four_taps, spread, finer_color.data());
       color.swap(finer_color);
     }

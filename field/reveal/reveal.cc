@@ -174,7 +174,7 @@ std::string content_of(std::string_view provenance) {
     const nlohmann::json::json_pointer at(pointer);
     return json.contains(at) && json[at].is_string() ? json[at].get<std::string>() : std::string();
   };
-  const std::string content = text("/kind") == "volume" ? text("/content") : "";
+  std::string content = text("/kind") == "volume" ? text("/content") : "";
   if (content.empty()) return content;
   return content + " " + text("/structures/labels") + " " + text("/structures/mask");
 }

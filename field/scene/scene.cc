@@ -16,6 +16,7 @@ double Scene::reach(const glm::dvec3& from) const {
   return glm::distance(from, all.center) + all.radius;
 }
 
+// NOLINTNEXTLINE(performance-unnecessary-value-param): scenes that share it keep it
 Result<void> Scene::share_light(std::shared_ptr<const Scene> /*from*/) const {
   return guarded([&] {
     return fail(ErrorCode::usage, "only volumes under shadowed or global light share it");

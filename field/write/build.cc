@@ -163,7 +163,7 @@ Result<BuildReport> build(std::span<const FieldState> states, const std::string&
   if (part != all_keys(manifest.shape)) manifest.part = part;
   auto earlier = SLF_TRY(find_earlier_build(output, tiles, manifest));
   const bool in_place = earlier && earlier->in_place;
-  const TileSelection missing = earlier ? std::move(earlier->missing) : tiles;
+  const TileSelection missing = earlier ? earlier->missing : tiles;
   BuildReport report{.memory = budget.memory};
   report.resumed = tiles.count() - missing.count();
   const bool reveals =

@@ -88,8 +88,8 @@ double SizeEstimate::error() const { return kDeviations * std::sqrt(variance); }
 Result<SizeEstimate> sample_tiles(const TileSource& source, const TileCoder& coder,
                                   const TileOrder& order, NumberRange tiles, std::uint64_t samples,
                                   unsigned threads, Reporter& progress) {
-  const auto [begin, end] = tiles;
-  const std::uint64_t count = end - begin, taken = std::min(count, samples);
+  const std::uint64_t begin = tiles.begin, count = tiles.count();
+  const std::uint64_t taken = std::min(count, samples);
   const auto encode = [&](std::uint64_t k) {
     const std::uint64_t first = begin + count * k / taken, next = begin + count * (k + 1) / taken;
     return encode_sample(source, coder, order.key(first + mix(first) % (next - first)));

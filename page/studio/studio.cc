@@ -71,7 +71,8 @@ json stated(const TransferFunction& function) { return json::parse(to_json(funct
 
 /// How many voxels have which value: counts of kBins equal steps, with their ends.
 json histogram_of(const Volume& volume) {
-  const auto [low, high] = volume.value_range();
+  const auto range = volume.value_range();
+  const double low = range[0], high = range[1];
   std::vector<std::uint64_t> counts(kBins);
   const double scale = high > low ? kBins / (high - low) : 0;
   visit_voxels(volume, [&](auto stored) {
@@ -134,7 +135,7 @@ struct Studio::State {
   State(Recipe recipe, StudioOptions given)
       : base(std::move(recipe)), options(std::move(given)), caster(options.threads) {}
   ~State() {
-    if (!kept) (void)keep();
+    if (!kept) (void)guarded([&] { return keep(); });
   }
 
   /// The recipe of this JSON: what the page states, of the input that it is given.

@@ -23,6 +23,7 @@ object, comma and period step through them.</p>
     <button id="fold" class="fold" type="button" aria-expanded="true" aria-controls="settings"
       aria-label="Settings" title="Hide or show the panel (H)">–</button>
   </header>
+  <slot name="about"></slot>
   <div id="settings">
     <dl>
       <dt>Loaded</dt><dd id="bytes">–</dd>
@@ -132,6 +133,10 @@ export const kStyle = `
 #structures { left: auto; right: 12px; width: 312px; max-height: calc(100% - 132px); }
 aside header { display: flex; align-items: center; gap: 8px; padding: 0 0 0 12px; }
 :is(#panel, #structures):has(> div[hidden]) { width: auto; }
+::slotted([slot="about"]) {
+  max-width: 24em; margin: 0; padding: 0 12px 8px; font-size: 12px; color: var(--dim);
+}
+::slotted([slot="about"]:empty) { display: none; }
 aside h2 {
   flex: 1; margin: 0; font-size: 14px; font-weight: 600; overflow: hidden; white-space: nowrap;
   text-overflow: ellipsis;

@@ -541,7 +541,8 @@ export class SlfField extends (globalThis.HTMLElement ?? Object) {
   fillPanel() {
     const {byId, settings, viewer} = this, {manifest: m, shape} = viewer.field;
     const p = m.provenance ?? {};
-    const name = String(p.source ?? p.name ?? 'Sphere light field').split('/').pop();
+    const file = this.hasAttribute('own') && String(p.source ?? p.name ?? '').split('/').pop();
+    const name = this.querySelector('[slot="about"]')?.dataset.title || file || document.title;
     byId('name').textContent = name;
     if (this.whole) document.title = name;
     for (let level = 0; level <= shape.levels; ++level)

@@ -623,7 +623,7 @@ def _views(views: AnyViews) -> tuple[Path, str | None]:
 def export(field: Field | Path, out: Path, *, views: AnyViews = None, state: State | None = None,
            structures: Structures | None = None, states: Sequence[State] = (), codec: str = "",
            depth: bool = True, reveal: bool = True, finest_level: int | None = None,
-           max_size: int = 0, threads: int = 0, force: bool = False,
+           max_size: int = 0, title: str = "", url: str = "", threads: int = 0, force: bool = False,
            progress: Progress = None) -> ExportReport:
     """Writes the page that shows a field together with it.
 
@@ -633,6 +633,8 @@ def export(field: Field | Path, out: Path, *, views: AnyViews = None, state: Sta
     states, codec, depth, reveal, finest_level: what to keep, as in repack(): of a field that
         Field.in_state() made, that state alone.
     max_size: bytes; chooses quality and levels so that the page fits. 0: no limit.
+    title: what the page says it shows; in place of that of `views` ("about").
+    url: where the page will be, for the pictures of links to it in other programs.
     force: replace that file, or write into a folder that has files in it.
     progress: counts tiles that are encoded, then bytes.
 
@@ -643,11 +645,12 @@ def export(field: Field | Path, out: Path, *, views: AnyViews = None, state: Sta
         own = source._opened_with[3] if source._structures is None else None
         if own is not None and not states and state is structures is None:
             return _slf.export_field(source.path, out, *_views(views), "", [], [str(own)], codec,
-                                     depth, reveal, finest_level, max_size, threads, force, report)
+                                     depth, reveal, finest_level, max_size, title, url, threads,
+                                     force, report)
         return _slf.export_field(source.path, out, *_views(views),
                                  *source._first(state, structures), [str(one) for one in states],
-                                 codec, depth, reveal, finest_level, max_size, threads, force,
-                                 report)
+                                 codec, depth, reveal, finest_level, max_size, title, url,
+                                 threads, force, report)
 
 
 def is_half(color_type: str) -> bool:

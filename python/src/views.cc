@@ -99,7 +99,8 @@ py::object export_field(const Text& field, const Text& output, const Text& views
                         const std::optional<Text>& json, const Text& state,
                         const LookTuples& structures, const Texts& states, const std::string& codec,
                         bool depth, bool reveal, std::optional<unsigned> levels,
-                        std::uint64_t max_size, unsigned threads, bool force, py::object progress) {
+                        std::uint64_t max_size, const Text& title, const Text& url,
+                        unsigned threads, bool force, py::object progress) {
   page::ExportOptions options;
   options.states.assign(states.begin(), states.end());
   options.repack.codec = codec;
@@ -108,6 +109,8 @@ py::object export_field(const Text& field, const Text& output, const Text& views
   options.repack.levels = levels;
   options.repack.threads = threads;
   options.max_size = max_size;
+  options.title = title;
+  options.url = url;
   options.views = views_of(views, json);
   options.first = first_of(state, structures);
   options.existing = force ? Existing::replace : Existing::keep;

@@ -1527,7 +1527,7 @@ class PageTest(unittest.TestCase):
                 ('{"views": [],\n "notes": [}', "line 2: this is no JSON"),
                 ('{"notes": [{"label": "a", "point": [1, 2]}]}', "notes[0].point: expected three"),
                 ('{"notes": [{"label": "a", "at": 1}]}', 'no member "at" is known'),
-                ('[]', 'expected an object with the lists "views" and "notes"')]:
+                ('[]', 'expected an object with the lists "views" and "notes", and "about"')]:
             with open(path("wrong.json"), "w") as file:
                 file.write(content)
             for command in [["export", self.fields[0], "-o", path("wrong.html"), "-f"],
@@ -1841,12 +1841,46 @@ globalThis.right = document.getElementById('a') instanceof SlfField;""")
                               text=True)
         self.assertEqual((done.stdout, done.stderr), ("undefined\n", ""))
 
+    def test_a_page_says_what_it_is_about(self):
+        about = {"title": "<A> brain", "author": "A. Author", "licence": "CC BY 4.0",
+                 "description": 'What "it" shows', "source": "https://example.org/?a&b"}
+        with open(path("about.json"), "w") as file:
+            json.dump({"about": about}, file)
+        folder = path("about")
+        slf("export", self.fields[0], "-o", folder, "-f", "--levels", "0", "--views",
+            path("about.json"), "--url", "https://example.org/brain/")
+        with open(os.path.join(folder, "index.html")) as file:
+            html = file.read()
+        for head in ["<title>&lt;A> brain</title>",
+                     '<meta property="og:title" content="&lt;A> brain">',
+                     '<meta property="og:url" content="https://example.org/brain/">',
+                     '<meta property="og:image" content="https://example.org/brain/poster.jpg">',
+                     '<meta name="description" content="What &quot;it&quot; shows">']:
+            self.assertIn(head, html)
+        with Host(folder) as host:
+            page = self.open(host.url + "/index.html")
+            page.wait("globalThis.slf?.state === 'settled'")
+            self.assertEqual(page.run("slf.root.getElementById('name').textContent"), "<A> brain")
+            shown = page.run("document.querySelector('[slot=about]').innerText")
+            self.assertEqual(shown, 'What "it" shows · A. Author · CC BY 4.0 · Source')
+            self.assertEqual(page.run("document.querySelector('[slot=about] a').href"),
+                             about["source"])
+            self.assertGreater(page.run(
+                "document.querySelector('[slot=about]').getBoundingClientRect().height"), 10)
+            page.close()
+        with open(path("about.json"), "w") as file:
+            json.dump({"about": about | {"source": "javascript:alert(1)"}}, file)
+        for options, code in [(["--views", path("about.json")], 3), (["--url", "//host"], 1)]:
+            done = subprocess.run([SLF, "export", self.fields[0], "-o", folder, "-f", *options],
+                                  capture_output=True)
+            self.assertEqual(done.returncode, code, done.stderr)
+
     def test_an_exported_page_has_a_poster_and_needs_no_inline_script(self):
         folder = self.site()
         with open(os.path.join(folder, "index.html")) as file:
             html = file.read()
         self.assertIn('<meta property="og:image" content="poster.jpg">', html)
-        self.assertNotIn("<title>Sphere light field", html)
+        self.assertIn("<title>Sphere light field", html)  # and not the name of a file
         self.assertLess(os.path.getsize(os.path.join(folder, "page.js")), 110000)
         for name in ["poster.jpg", "poster-light.jpg"]:
             self.assertLessEqual(os.path.getsize(os.path.join(folder, name)), 40 << 10)

@@ -42,10 +42,23 @@ TEST(Views, StructuresOfTheFirstOneAreAnAttribute) {
               HasSubstr("views[0].structures: expected a list of texts"));
 }
 
+TEST(Views, SayWhatAPageIsAbout) {
+  const auto views = parse_views(
+      {"v.json", R"({"about": {"title": "A", "source": "https://example.org"}})"}, kSphere);
+  ASSERT_TRUE(views) << views.error().message;
+  EXPECT_EQ(views->about.title, "A");
+  EXPECT_EQ(views->about.source, "https://example.org");
+  EXPECT_EQ(views->json, "");
+  EXPECT_THAT(error_of(R"({"about": {}})"), HasSubstr("about.title: expected a text"));
+  for (const char* source : {"javascript:alert(1)", "//host", "https://a b"})
+    EXPECT_THAT(error_of(R"({"about": {"title": "A", "source": ")" + std::string(source) + "\"}}"),
+                HasSubstr("about.source: expected an address"));
+}
+
 TEST(Views, ErrorsNameThePlaceAndWhatIsExpected) {
   EXPECT_THAT(error_of("{\n\"views\": [,]}"), HasSubstr("v.json, line 2: "));
   EXPECT_THAT(error_of("[]"), HasSubstr("v.json: expected an object"));
-  EXPECT_THAT(error_of(R"({"view": []})"), HasSubstr("expected an object"));
+  EXPECT_THAT(error_of(R"({"view": []})"), HasSubstr("no member \"view\" is known"));
   EXPECT_THAT(error_of(R"({"views": [], "extra": 1})"), HasSubstr("\"extra\""));
   EXPECT_THAT(error_of(R"({"views": {}})"), HasSubstr("views: expected a list"));
   EXPECT_THAT(error_of(R"({"views": [1]})"), HasSubstr("views[0]: expected an object"));
