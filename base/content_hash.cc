@@ -3,19 +3,23 @@
 #include <xxhash.h>
 
 namespace slf {
+namespace {
 
-ContentHash::ContentHash()
-    : state_(XXH3_createState(), [](auto* state) { XXH3_freeState(state); }) {
-  XXH3_128bits_reset(state_.get());
+auto* own(void* state) { return static_cast<XXH3_state_t*>(state); }
+
+}  // namespace
+
+ContentHash::ContentHash() : state_(XXH3_createState(), [](void* s) { XXH3_freeState(own(s)); }) {
+  XXH3_128bits_reset(own(state_.get()));
 }
 
 void ContentHash::add(std::span<const std::byte> bytes) {
-  XXH3_128bits_update(state_.get(), bytes.data(), bytes.size());
+  XXH3_128bits_update(own(state_.get()), bytes.data(), bytes.size());
 }
 
 std::string ContentHash::text() const {
   XXH128_canonical_t canonical;
-  XXH128_canonicalFromHash(&canonical, XXH3_128bits_digest(state_.get()));
+  XXH128_canonicalFromHash(&canonical, XXH3_128bits_digest(own(state_.get())));
   std::string text = "xxh3-128:";
   for (const unsigned char byte : canonical.digest) {
     text += "0123456789abcdef"[byte >> 4];

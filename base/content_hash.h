@@ -6,8 +6,6 @@
 #include <span>
 #include <string>
 
-struct XXH3_state_s;
-
 namespace slf {
 
 /// XXH3 of all bytes added, 128 bits.
@@ -21,7 +19,7 @@ class ContentHash {
   [[nodiscard]] std::string text() const;
 
  private:
-  std::unique_ptr<XXH3_state_s, void (*)(XXH3_state_s*)> state_;
+  std::unique_ptr<void, void (*)(void*)> state_;  // of xxhash
 };
 
 }  // namespace slf

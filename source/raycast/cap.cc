@@ -1,62 +1,14 @@
 #include <algorithm>
 #include <cmath>
-#include <nlohmann/json.hpp>
 
 #include "base/try.h"
 #include "slf/cut.h"
 #include "slf/raycaster.h"
+#include "source/raycast/cap_settings.h"
 #include "source/raycast/volume_scene.h"
 
 namespace slf {
 namespace {
-
-using nlohmann::json;
-
-/// The volume of the structures' ids, of which `parts` are the numbers; or of the mask.
-std::shared_ptr<const Volume> parts_volume(const Reveal& reveal, bool mask) {
-  Reveal labels = reveal;
-  labels.voxels = reveal.parts;
-  labels.ids.assign(reveal.part_ids.size() + 2, mask ? 1 : 0);
-  if (mask)
-    labels.ids[reveal.part_ids.size() + 1] = 0;
-  else
-    std::ranges::copy(reveal.part_ids, labels.ids.begin() + 1);
-  return std::make_shared<const Volume>(volume_of(labels));
-}
-
-/// The structures as a provenance says.
-VolumeParts parts_of(const Reveal& reveal, const json& provenance) {
-  VolumeParts parts;
-  const json recorded = provenance.value("structures", json::object());
-  const auto list = [&](const char* member) {
-    const json found = recorded.is_object() ? recorded.value(member, json()) : json();
-    return found.is_array() ? found : json::array();
-  };
-  for (const json& id : list("only"))
-    if (id.is_number_integer()) parts.only.insert(id.get<std::int64_t>());
-  for (const json& one : list("styles")) {
-    if (!one.is_object() || !one.value("id", json()).is_number_integer()) continue;
-    LabelStyle& style = parts.styles[one["id"].get<std::int64_t>()];
-    const json opacity = one.value("opacity", json()), color = one.value("color", json());
-    if (opacity.is_number()) style.opacity = std::clamp(opacity.get<double>(), 0.0, 1.0);
-    glm::dvec3 rgb(0);
-    bool given = color.is_array() && color.size() == 3;
-    for (std::size_t k = 0; given && k < 3; ++k)
-      if ((given = color[k].is_number())) rgb[static_cast<int>(k)] = color[k].get<double>();
-    if (given) style.color = rgb;
-  }
-  if (reveal.parts.empty()) return parts;
-  parts.labels = parts_volume(reveal, false);
-  if (reveal.masked) parts.mask = parts_volume(reveal, true);
-  return parts;
-}
-
-/// Bytes of a scene without its light: voxels, ids, which become numbers, and bricks.
-std::uint64_t bytes_of(const Reveal& reveal) {
-  const std::uint64_t labels = reveal.ids.empty() ? 0 : sizeof(double) + 2;
-  const std::uint64_t parts = reveal.parts.empty() ? 0 : 2 * sizeof(double) + 1;
-  return reveal.voxels.size() * (2 + labels + parts);
-}
 
 /// Where a ray enters what planes leave, 0 to 1 along it; nothing: from no plane.
 std::optional<double> entry_of(std::span<const ClipPlane> clip, const Segment& ray) {
@@ -161,47 +113,24 @@ class Slice final : public Scene {
 Result<std::shared_ptr<const Scene>> make_cap(const Reveal& reveal, const std::string& provenance,
                                               std::span<const ClipPlane> clip,
                                               const CapOptions& asked) try {
-  constexpr std::uint64_t kLightBytes = 8 << 20;  // at least
-  if (const std::uint64_t needed = bytes_of(reveal) + kLightBytes; asked.memory < needed)
-    return fail_without("memory", ErrorCode::usage, "memory ", asked.memory, ": the cut needs ",
-                        needed, " bytes");
-  const json built = json::parse(provenance, nullptr, /*allow_exceptions=*/false);
-  RaycastOptions options = raycast_options(provenance);
-  if (built.contains("/lighting/environment"_json_pointer))
-    return fail_without("cap", ErrorCode::unsupported,
-                        "the field was lit by an environment picture, which it does not keep: "
-                        "only a hollow cut can be shown");
-  const auto transfer = SLF_TRY(
-      parse_transfer(built.value("transfer", json()).dump(), "the field's transfer function"));
-  options.clip.insert(options.clip.end(), clip.begin(), clip.end());
-  options.parts = parts_of(reveal, built);
-  if (reveal.ids.empty()) options.surface_gradient = reveal.gradient;
-  Volume volume = volume_of(reveal);
+  CapSettings settings = SLF_TRY(cap_settings(reveal, provenance, clip, asked));
+  Volume volume = std::move(settings.volume);
   volume.share();
-  // Nodes are as far apart as in the volume, but at least a voxel.
-  const glm::dvec3 spacing = volume.spacing();
-  const double unit = std::min({spacing.x, spacing.y, spacing.z});
-  LightOptions& light = options.lighting;
-  light.spacing = std::clamp(light.spacing * reveal.unit / unit, 1.0, 16.0);
-  light.memory = std::min(light.memory, asked.memory - bytes_of(reveal));
-  if (asked.coarse_light) {
-    light.spacing = std::min(2 * light.spacing, 16.0);
-    light.samples = std::max(light.samples / 2, 1u);
-  }
+  const RaycastOptions& options = settings.options;
   LightVolumeOptions computing;
   computing.threads = asked.threads;
   computing.progress = asked.progress;
   computing.deferred = true;
   std::shared_ptr<const Raycaster> lit =
-      SLF_TRY(Raycaster::make(volume, transfer, options, computing));
+      SLF_TRY(Raycaster::make(volume, settings.transfer, options, computing));
   if (asked.cap == Cap::shaded) return std::shared_ptr<const Scene>(std::move(lit));
   const auto window = asked.window.value_or(reveal.greys);
   if (!(window[0] < window[1]))
     return fail_without("cap", ErrorCode::usage, "window ", window[0], ",", window[1],
                         ": expected two ascending numbers");
   return std::shared_ptr<const Scene>(
-      std::make_shared<Slice>(std::move(lit), std::move(volume), options.clip, transfer, window,
-                              reveal.greys[0], options.lighting.linear));
+      std::make_shared<Slice>(std::move(lit), std::move(volume), options.clip, settings.transfer,
+                              window, reveal.greys[0], options.lighting.linear));
 } catch (...) {
   return tl::unexpected(error_of_exception());
 }

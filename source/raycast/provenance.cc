@@ -16,7 +16,7 @@ using nlohmann::json;
 
 template <class T, std::size_t N>
 const char* name_of(T value, const Named<T> (&names)[N]) {
-  return std::ranges::find(names, value, &Named<T>::second)->first;
+  return std::ranges::find_if(names, [=](const auto& one) { return one.second == value; })->first;
 }
 
 std::string hash(const Image& picture) {

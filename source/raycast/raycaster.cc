@@ -13,64 +13,13 @@
 #include "base/parallel.h"
 #include "base/try.h"
 #include "source/light/light_code.h"
-#include "source/light/light_volume.h"
 #include "source/medium/visible_space.h"
+#include "source/raycast/light_on_demand.h"
 #include "source/raycast/provenance.h"
 #include "source/raycast/shared_light.h"
 #include "source/raycast/volume_scene.h"
 
 namespace slf {
-
-namespace {
-
-LightGrid plan_of(const VolumeScene& scene) {
-  return plan_light(scene.grid, illuminate(scene.lighting, scene.bounds), scene.lighting);
-}
-
-/// The light volume of a scene, of which nodes are computed when rays need them.
-class LightOnDemand {
- public:
-  LightOnDemand(VolumeScene& scene, unsigned threads)
-      : scene_(scene),
-        medium_(scene.grid),
-        illumination_(illuminate(scene.lighting, scene.bounds)),
-        computer_(medium_, illumination_, scene.lighting, plan_of(scene), threads) {}
-
-  [[nodiscard]] Result<void> prepare() {
-    SLF_TRY(computer_.prepare());
-    missed_.emplace(computer_.blank().size());
-    LightGrid light = computer_.blank();
-    light.missed = &*missed_;
-    scene_.grid.light_volume = std::make_shared<LightGrid>(std::move(light));
-    scene_.grid.table.albedos = medium_.albedos();
-    return {};
-  }
-
-  /// Whether the light of all these rays was known.
-  bool trace(std::span<const Segment> rays, std::span<RaySample> out, RayCounts& counts) {
-    const std::shared_lock lock(mutex_);
-    counts = trace_rays(scene_.grid, rays, out);
-    return !missed_->any();
-  }
-
-  /// Computes what rays missed, and the nodes around: near rays will need them.
-  [[nodiscard]] Result<void> compute_missed(const ProgressCallback& progress) {
-    const std::lock_guard lock(mutex_);
-    if (!missed_->any()) return {};
-    return computer_.compute(*scene_.grid.light_volume, computer_.spread(missed_->take(), 1),
-                             progress);
-  }
-
- private:
-  VolumeScene& scene_;
-  const Medium medium_;
-  const Illumination illumination_;
-  LightComputer computer_;
-  std::optional<MissedNodes> missed_;
-  std::shared_mutex mutex_;  // of the light: read while rays are traced
-};
-
-}  // namespace
 
 /// A scene with its light volume. It begins with a pending one and ends with a complete one, by
 /// adopt(); under direct light it has neither. Legal are:
@@ -262,7 +211,8 @@ Result<void> Raycaster::prepare_for(std::span<const Segment> rays) const try {
   SLF_TRY(parallel_for((rays.size() + kRays - 1) / kRays, pending->threads, [&](std::uint64_t k) {
     std::array<RaySample, kRays> samples;
     RayCounts counts;
-    const auto some = rays.subspan(k * kRays, std::min(kRays, rays.size() - k * kRays));
+    const std::size_t begin = k * kRays;
+    const auto some = rays.subspan(begin, std::min(kRays, rays.size() - begin));
     light->trace(some, std::span(samples).first(some.size()), counts);
   }));
   return light->compute_missed(pending->progress);

@@ -323,25 +323,4 @@ Result<Reveal> make_reveal(std::span<const Scene* const> scenes, const RevealOpt
   return tl::unexpected(error_of_exception());
 }
 
-Volume volume_of(const Reveal& reveal) {
-  Volume volume;
-  volume.dims = reveal.dims;
-  volume.axes = reveal.axes;
-  volume.origin = reveal.origin;
-  volume.source = "the field's reveal";
-  volume.labels = !reveal.ids.empty();
-  if (!volume.labels) {
-    volume.slope = (reveal.high - reveal.low) / 255;
-    volume.intercept = reveal.low;
-    volume.voxels = reveal.voxels;
-    return volume;
-  }
-  volume.type = ScalarType::f64;
-  volume.voxels.resize(reveal.voxels.size() * sizeof(double));
-  auto* const ids = reinterpret_cast<double*>(volume.voxels.data());
-  for (std::size_t k = 0; k < reveal.voxels.size(); ++k)
-    ids[k] = reveal.ids[std::to_integer<std::size_t>(reveal.voxels[k])];
-  return volume;
-}
-
 }  // namespace slf
