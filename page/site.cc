@@ -38,7 +38,8 @@ constexpr std::size_t kPieceBytes = std::size_t{3} << 20;
 /// Exported folders.
 constexpr std::string_view kIndexFile = "index.html", kStyleFile = "style.css",
                            kScriptFile = "page.js", kModuleFile = "module.bin",
-                           kModuleScriptFile = "module.bin.js", kFieldFile = "field.slf",
+                           kModuleScriptFile = "module.bin.js", kCutFile = "cut.bin",
+                           kCutScriptFile = "cut.bin.js", kFieldFile = "field.slf",
                            kViewsFile = "views.json", kDarkPoster = "poster.jpg",
                            kLightPoster = "poster-light.jpg";
 
@@ -76,9 +77,16 @@ std::string base64(std::string_view bytes) {
   return text;
 }
 
-/// The WebAssembly module as a script, for where scripts cannot load other files.
-std::string module_script() {
-  return "globalThis.slfModule = '" + base64(file_named(kModuleFile)) + "';\n";
+/// A WebAssembly module as a script, for where scripts cannot load other files.
+std::string module_script(std::string_view name) {
+  return concat("globalThis.slfModules = {...globalThis.slfModules, '", name, "': '",
+                base64(file_named(name)), "'};\n");
+}
+
+/// Whether its pages need the module of cuts.
+bool has_reveal(const Field& field) {
+  const auto reveal = field.file().reveal();
+  return !reveal || !reveal->empty();
 }
 
 void replace_first(std::string& text, std::string_view what, std::string_view by) {
@@ -198,7 +206,9 @@ Result<void> export_page(const Field& field, const std::string& input, const std
     scripts += "<script type=\"text/plain\" class=\"piece\">" + base64(piece) + "</script>\n";
     SLF_TRY(reporter.add(piece.size()));
   }
-  scripts += "<script>\n" + module_script() + std::string(file_named(kScriptFile)) + "</script>\n";
+  scripts += "<script>\n" + module_script(kModuleFile) +
+             (has_reveal(field) ? module_script(kCutFile) : "") +
+             std::string(file_named(kScriptFile)) + "</script>\n";
   const auto inlined = [](std::string_view file) {
     return "data:image/jpeg;base64," + base64(file);
   };
@@ -244,7 +254,9 @@ Result<void> export_site(const Field& field, const std::string& input, const std
            {kStyleFile, std::string(file_named(kStyleFile))},
            {kScriptFile, std::string(file_named(kScriptFile))},
            {kModuleFile, std::string(file_named(kModuleFile))},
-           {kModuleScriptFile, module_script()},
+           {kModuleScriptFile, module_script(kModuleFile)},
+           {kCutFile, has_reveal(field) ? std::string(file_named(kCutFile)) : ""},
+           {kCutScriptFile, has_reveal(field) ? module_script(kCutFile) : ""},
            {kViewsFile, views.json}})
     if (!text.empty()) SLF_TRY(write_file((fs::path(folder) / name).string(), bytes_of(text)));
   return copy ? copy->publish(Existing::replace) : Result<void>();
@@ -267,8 +279,9 @@ std::uint64_t room_for_field(std::uint64_t max_bytes, bool one_file) {
   // What is around scripts and pieces, and posters.
   std::uint64_t page = 65536 + 2 * (kMaxPosterBytes / 3 * 4 + 4);
   for (const PageFile& file : page_files()) {
-    if (!one_file || file.name != kModuleFile) page += file.bytes.size();
-    if (file.name == kModuleFile) page += file.bytes.size() / 3 * 4 + 4;  // base64
+    const bool module = file.name == kModuleFile || file.name == kCutFile;
+    if (!one_file || !module) page += file.bytes.size();
+    if (module) page += file.bytes.size() / 3 * 4 + 4;  // base64
   }
   if (max_bytes <= page) return 0;
   return one_file ? (max_bytes - page) / 4 * 3 : max_bytes - page;  // base64
@@ -282,8 +295,9 @@ Result<void> check_export(const std::string& input, const std::string& output, E
   if (existing == Existing::keep && fs::is_directory(output, ignored) &&
       !fs::is_empty(output, ignored))
     return fail_without("replace in", ErrorCode::usage, output, ": is not empty");
-  for (const std::string_view name : {kIndexFile, kStyleFile, kScriptFile, kModuleFile,
-                                      kModuleScriptFile, kViewsFile, kDarkPoster, kLightPoster})
+  for (const std::string_view name :
+       {kIndexFile, kStyleFile, kScriptFile, kModuleFile, kModuleScriptFile, kCutFile,
+        kCutScriptFile, kViewsFile, kDarkPoster, kLightPoster})
     SLF_TRY(check_output((fs::path(output) / name).string(), {&input, 1}));
   const std::string target = (fs::path(output) / kFieldFile).string();
   return is_same_file(input, target) ? Result<void>() : check_output(target, {&input, 1});
@@ -306,8 +320,7 @@ Result<Descriptor> repack_if_requested(const Field& field, std::string output,
                         "the page alone is larger; allow 1MiB or more");
   const auto light = field.light();
   const bool drops_light = states.size() == 1 && (!light || !light->empty());
-  const auto reveal = field.file().reveal();
-  const bool drops_reveal = !repack.reveal && (!reveal || !reveal->empty());
+  const bool drops_reveal = !repack.reveal && has_reveal(field);
   // Older versions kept the path of the source, which is not for the public.
   const auto own = nlohmann::json::parse(field.provenance());
   const bool tells = own.contains("content") && own.contains("source") &&

@@ -26,15 +26,12 @@
 #include "field/reference_index.h"
 #include "field/tile_coder.h"
 #include "field/tiles/compose_samples.h"
+#include "page/wasm/exchange.h"
 #include "storage/ranged_store.h"
-
-#define SLF_EXPORT(name) extern "C" __attribute__((export_name(#name)))
 
 namespace {
 
 using namespace slf;
-
-enum Status : int { kDone = 0, kNeedsBytes = 1, kFailed = 2 };
 
 struct FoundTile {
   double state;  ///< 0 missing, 1 empty, 2 stored, 3 needs more bytes, 4 damaged
@@ -46,9 +43,9 @@ struct FoundTile {
 };
 
 struct Module {
-  std::string text;  // a message or a description
+  std::string& text = exchange().text;
+  Bytes& buffer = exchange().buffer;
   std::string name;  // of the file
-  Bytes buffer;      // from JavaScript
   std::unique_ptr<storage::RangedStore> store;
   std::vector<double> ranges;  // begin, end, begin, end, …
   std::vector<FoundTile> found;
@@ -67,11 +64,6 @@ struct Module {
 Module& module() {
   static Module instance;
   return instance;
-}
-
-int failed(const Error& error) {
-  module().text = error.message;
-  return kFailed;
 }
 
 /// The status for an error of the store: kNeedsBytes if it only needs more bytes.
@@ -166,16 +158,6 @@ Result<void> parse_manifest(ByteSpan bytes, const std::string& name) {
 
 }  // namespace
 
-SLF_EXPORT(slf_buffer) std::byte* slf_buffer(std::size_t size) {
-  module().buffer.resize(size);
-  return module().buffer.data();
-}
-SLF_EXPORT(slf_text) const char* slf_text() { return module().text.data(); }
-SLF_EXPORT(slf_text_size) std::size_t slf_text_size() { return module().text.size(); }
-
-/// Registers what a thread destroys when it ends. The only thread here does not end.
-extern "C" int __cxa_thread_atexit(void (*)(void*), void*, void*) { return 0; }
-
 // ---- reading ------------------------------------------------------------------------------------
 
 /// Begins to read a file of `file_bytes` bytes; the buffer holds its name.
@@ -210,6 +192,19 @@ SLF_EXPORT(slf_tables) int slf_tables() {
   if (!blob) return needs_bytes_or_failed(blob.error());
   m.text = chars_of(*blob);
   return kDone;
+}
+
+/// Reads the reveal. When that is done, the text is its code, which is empty if there is none.
+SLF_EXPORT(slf_reveal) int slf_reveal() {
+  Module& m = module();
+  const auto blob = m.store->blob("reveal");
+  if (!blob && needs_bytes_or_failed(blob.error()) == kNeedsBytes) return kNeedsBytes;
+  m.text = blob ? chars_of(*blob) : "";
+  return kDone;
+}
+/// The text is then the provenance of a state.
+SLF_EXPORT(slf_provenance) void slf_provenance(unsigned state) {
+  module().text = module().manifest->provenance_of(state)->dump();
 }
 
 SLF_EXPORT(slf_ranges) const double* slf_ranges() { return module().ranges.data(); }

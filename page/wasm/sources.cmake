@@ -16,3 +16,16 @@ set(SLF_PORTABLE_SOURCES
   field/tile_coder.cc field/reference_index.cc field/tiles/compose_samples.cc
   field/manifest.cc field/geometry/lattice.cc field/geometry/section.cc
   field/geometry/level_geometry.cc field/geometry/shape.cc field/geometry/sphere.cc)
+# What cuts need: decoding a reveal, and the ray-caster's light. Files that share names of their own
+# are in this order.
+set(SLF_CUT_SOURCES
+  source/transfer/transfer.cc source/transfer/transfer_color.cc source/transfer/transfer_fit.cc
+  source/transfer/transfer_json.cc source/transfer/transfer_labels.cc
+  codec/brick_volume.cc field/reveal/reveal.cc base/content_hash.cc
+  source/raycast/cap_settings.cc source/raycast/provenance.cc source/raycast/volume_parts.cc
+  source/raycast/volume_scene.cc source/raycast/raycaster_kernel.cc
+  source/light/illumination.cc source/light/light_volume.cc source/light/light_depth.cc
+  source/light/light_filter.cc source/light/light_rig.cc
+  source/medium/medium.cc source/medium/medium_kernel.cc source/medium/transfer_table.cc
+  source/medium/visible_space.cc
+  source/volume/values.cc source/volume/text.cc source/volume/content.cc)

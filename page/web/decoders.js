@@ -6,14 +6,14 @@ import {Cache} from './cache.js';
 const kAtOnce = 2;  // messages that a worker has: it answers one while the other waits there
 
 export class Decoders {
-  // Workers start at once; open() tells them about the field. If a worker does not start, what
+  // `count` workers start at once; open() tells them about the field. If a worker does not start, what
   // makeStandIn(), if there is one, returns takes its place.
-  constructor(makeWorker, makeStandIn) {
+  constructor(makeWorker, makeStandIn,
+              count = Math.max(2, Math.min(4, (navigator.hardwareConcurrency ?? 2) - 1))) {
     this.cache = new Cache();
     this.next = 0;
     this.waiting = new Map();  // messages without an answer: {worker, message, done, failed}, by id
     this.queue = [];           // messages that no worker has yet
-    const count = Math.max(2, Math.min(4, (navigator.hardwareConcurrency ?? 2) - 1));
     this.workers = Array.from({length: count}, (_, number) => {
       const worker = {number, busy: 0, dropped: new Set()};  // dropped: pages of copies
       try {

@@ -76,6 +76,17 @@ export class Field {
     this.shape = this.makeShape();
   }
 
+  // Resolves to the code of the reveal; empty: there is none.
+  async reveal() {
+    await this.complete((c) => c.slf_reveal());
+    return this.native.textBytes();
+  }
+  // The provenance of the state that is shown, as UTF-8.
+  provenance() {
+    this.native.calls.slf_provenance(this.state);
+    return this.native.textBytes();
+  }
+
   // The shape in numbers for the GPU. Leaves out levels whose tables would be too large.
   makeShape() {
     const m = this.manifest, {calls} = this.native, deeper = m.entry_depth;

@@ -5,6 +5,7 @@
 
 import {Camera, dot} from './camera.js';
 import {attach} from './controls.js';
+import {kCapForm, planesOf, textOf} from './cut.js';
 import {Decoders} from './decoders.js';
 import {Explain} from './explain.js';
 import {ownColors, StructureList} from './list.js';
@@ -39,23 +40,24 @@ sheet?.replaceSync(kStyle);
 // ---- the parts that all elements share ----------------------------------------------------------
 
 const fromBase64 = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
-// Resolves to the module, as an answer. From disk and in a sandbox only scripts can be loaded;
-// those of exports define slfModule.
-async function packedModule() {
-  if (!globalThis.slfModule) {
-    const answer = await fetch(new URL('module.bin', base)).catch(() => {});
+// Resolves to a module, as an answer. From disk and in a sandbox only scripts can be loaded; those
+// of exports define slfModules.
+async function packed(name) {
+  if (!globalThis.slfModules?.[name]) {
+    const answer = await fetch(new URL(name, base)).catch(() => {});
     if (answer?.ok) return answer;
     await new Promise((done) => document.head.append(
-      make('script', {src: new URL('module.bin.js', base), onload: done, onerror: done})));
+      make('script', {src: new URL(`${name}.js`, base), onload: done, onerror: done})));
   }
-  if (globalThis.slfModule) return new Response(fromBase64(globalThis.slfModule));
-  throw new Error('A part of this page cannot be loaded: module.bin.');
+  const text = globalThis.slfModules?.[name];
+  if (text) return new Response(fromBase64(text));
+  throw new Error(`A part of this page cannot be loaded: ${name}.`);
 }
-async function compileModule() {
-  for (const name of ['WebAssembly', 'DecompressionStream'])
-    if (!globalThis[name])
-      throw new Error(`This browser is too old or locked down: it lacks ${name}.`);
-  const bytes = (await packedModule()).body.pipeThrough(new DecompressionStream('gzip'));
+async function compileModule(name) {
+  for (const needed of ['WebAssembly', 'DecompressionStream'])
+    if (!globalThis[needed])
+      throw new Error(`This browser is too old or locked down: it lacks ${needed}.`);
+  const bytes = (await packed(name)).body.pipeThrough(new DecompressionStream('gzip'));
   try {
     return await WebAssembly.compileStreaming(
       new Response(bytes, {headers: {'Content-Type': 'application/wasm'}}));
@@ -67,11 +69,11 @@ async function compileModule() {
                     "have 'wasm-unsafe-eval' in script-src.");
   }
 }
-let compiled;
-const loadModule = () => {
-  compiled ??= compileModule();
-  compiled.catch(() => {});  // reported by those who use it
-  return compiled;
+const compiled = {};
+const loadModule = (name) => {
+  compiled[name] ??= compileModule(name);
+  compiled[name].catch(() => {});  // reported by those who use it
+  return compiled[name];
 };
 
 // A worker, and what stands in for one where the host of the page forbids workers.
@@ -197,6 +199,22 @@ export class SlfField extends (globalThis.HTMLElement ?? Object) {
     this.settings.state = text;
     if (this.filled) this.showState(this.viewer.field.stateNumber(text));
   }
+  // The planes that cut the object, 'X,Y,Z,NX,NY,NZ' each, as slf render --clip takes them; also
+  // takes one text, with semicolons in between, and lists of numbers.
+  get clip() { return textOf(planesOf(this.settings.clip)).split(';').filter(Boolean); }
+  set clip(given) {
+    this.settings.clip = textOf(planesOf(given));
+    this.showCut();
+  }
+  // What their faces show, as slf render --cap takes it; empty: shaded, or else hollow.
+  get cap() { return this.settings.cap ?? ''; }
+  set cap(text) {
+    this.settings.cap = kCapForm.test(text) ? String(text) : '';
+    this.showCut();
+  }
+  showCut() {
+    if (this.filled) this.viewer.showCut(this.settings.clip, this.settings.cap);
+  }
   // The structures that are shown, and how: texts as slf render --structure takes them.
   get structures() { return this.settings.structures ?? ['*']; }
   // Also takes one text, as the page's address has it.
@@ -208,7 +226,7 @@ export class SlfField extends (globalThis.HTMLElement ?? Object) {
     this.list.show(looks);
     this.showLooks(looks);
   }
-  static observedAttributes = ['src', 'view', 'state', 'structures'];
+  static observedAttributes = ['src', 'view', 'state', 'structures', 'clip', 'cap'];
   attributeChangedCallback(name, before, value) {
     if (name !== 'src') {
       this[name] = value ?? {view: '30,20,3', structures: '*'}[name];
@@ -216,7 +234,7 @@ export class SlfField extends (globalThis.HTMLElement ?? Object) {
       this.dispose();
       this.turned = true;
       this.settings = firstSettings();
-      for (const other of ['view', 'state', 'structures'])
+      for (const other of SlfField.observedAttributes.slice(1))
         this.attributeChangedCallback(other, undefined, this.getAttribute(other));
       this.mount();
     }
@@ -242,11 +260,17 @@ export class SlfField extends (globalThis.HTMLElement ?? Object) {
   }
 
   async start(signal) {
-    const {viewer} = this, coming = loadModule(), source = await this.findField(signal);
+    const {viewer} = this, coming = loadModule('module.bin'), source = await this.findField(signal);
     signal.throwIfAborted();
     const decoders = new Decoders(makeWorker, makeStandIn);
     signal.addEventListener('abort', () => decoders.dispose());
-    await viewer.open(source, coming, decoders);
+    const cutter = async () => {
+      const one = new Decoders(makeWorker, makeStandIn, 1);
+      signal.addEventListener('abort', () => one.dispose());
+      return {module: loadModule('cut.bin'),
+              post: (message) => one.post(one.workers[0], message)};
+    };
+    await viewer.open(source, coming, decoders, cutter);
     this.say('');
     this.fillPanel();
     this.actions(signal);
@@ -364,6 +388,8 @@ export class SlfField extends (globalThis.HTMLElement ?? Object) {
     return `#view=${this.view}` +
            (states.length > 1 ? `&state=${encodeURIComponent(states[state])}` : '') +
            (structures.length > 0 ? `&structures=${joined(this.structures)}` : '') +
+           (this.clip.length > 0 ? `&clip=${this.clip.join(';')}` : '') +
+           (this.cap ? `&cap=${this.cap}` : '') +
            `&level=${settings.level}&mode=${settings.mode}` +
            (settings.background === backgroundOf(light) ? ''
              : `&background=${settings.background.slice(1)}`) + (this.viewer.field.radiance
@@ -377,7 +403,9 @@ export class SlfField extends (globalThis.HTMLElement ?? Object) {
     const parts = /[#&]structures=([^&]*)/.exec(location.hash);  // with its commas as they are
     if (parts) settings.structures = split(parts[1]);
     else if (given.has('state')) settings.structures = [given.get('state')];
-    this.turned ||= given.has('view') || parts !== null;
+    for (const name of ['clip', 'cap'])
+      if (given.has(name)) settings[name] = given.getAll(name).join(';');
+    this.turned ||= given.has('clip') || given.has('view') || parts !== null;
     this.saved = given.get('saved');  // the number of a saved view
     for (const [name, form] of Object.entries(kChoices)) {
       const text = (name === 'background' ? '#' : '') + given.get(name);
@@ -504,6 +532,7 @@ export class SlfField extends (globalThis.HTMLElement ?? Object) {
     for (const name in kChoices) this.byId(name).value = this.settings[name];
     this.showState(this.viewer.field.stateNumber(this.settings.state));
     if (this.list.names) this.structures = this.structures;
+    this.showCut();
   }
   // Shows a state of the field, by its number; from the last one, the next is the first.
   showState(number) {

@@ -3,9 +3,12 @@
 // lost, a new Renderer can replace it.
 
 import {add} from './camera.js';
-import {kCurves, kDraw, kFade, kFeedback, kVertex} from './shader.js';
+import {kCutTextures} from './march.js';
+import {drawShader, feedbackShader, kCurves, kFade, kVertex} from './shader.js';
 import {kMaskScale, kTableBits, kTasks} from './shader.js';
 
+const kUnits = ['uTables', 'uPages', 'uColor', 'uDepth', 'uKept', 'uPicture', 'uMask',
+                ...kCutTextures];  // of textures
 const kTableWidth = 1 << kTableBits;
 const kFeedbackSize = 512;  // rays along an edge of a pass that finds the tiles of a view, at most
 const kFewRays = 128;       // the same for a quick pass, which finds nearly all of them
@@ -50,13 +53,14 @@ export class Renderer {
                              'Safari has; it may be switched off in the settings.');
     this.gl = gl;
     this.canvas = canvas;
-    this.drawProgram = program(gl, kDraw);
+    this.drawProgram = program(gl, drawShader(false));
     this.fadeProgram = program(gl, kFade);
-    this.feedbackProgram = program(gl, kFeedback);
+    this.feedbackProgram = program(gl, feedbackShader(false));
     this.pass = 0;
     this.cost = 0;         // milliseconds a pixel, as the last picture took them; 0: not known
     this.kept = undefined; // of which view the final pixels are kept: its stamp
     this.mask = undefined; // the level that each cell shows
+    this.cutTextures = {};
     this.makeTargets();
   }
   // Draws a pixel with a program: some drivers finish their work on it only then, for the textures
@@ -72,8 +76,7 @@ export class Renderer {
     gl.flush();  // or else the work waits until there is more
   }
   setSamplers({at}) {
-    ['uTables', 'uPages', 'uColor', 'uDepth', 'uKept', 'uPicture', 'uMask'].forEach(
-      (name, i) => this.gl.uniform1i(at(name), i));
+    kUnits.forEach((name, i) => this.gl.uniform1i(at(name), i));
   }
   bindFeedback() { this.gl.bindFramebuffer(this.gl.FRAMEBUFFER, this.feedbackTarget); }
   // `shape`: of the field, as Field.shape; `budget`: bytes of textures for tiles. `ready` resolves
@@ -85,6 +88,33 @@ export class Renderer {
     this.ready = this.warm(this.drawProgram, () => this.bindPicture())
       .then(() => compiled(this.gl, this.fadeProgram));
   }
+  // Resolves when views through planes can be drawn: with programs of their own, made when needed.
+  get cuts() {
+    const {gl} = this;
+    this.cutPrograms ??=
+      {draw: program(gl, drawShader(true)), feedback: program(gl, feedbackShader(true))};
+    const {draw, feedback} = this.cutPrograms;
+    return this.cutsReady ??= this.warm(draw, () => this.bindPicture())
+      .then(() => this.warm(feedback, () => this.bindFeedback()));
+  }
+  drawing({cut}) { return cut ? this.cutPrograms.draw : this.drawProgram; }
+  asking({cut}) { return cut ? this.cutPrograms.feedback : this.feedbackProgram; }
+  // Uploads textures that such views march through, by their names in the shader:
+  // {dims, data, smooth}; half floats have four channels, as have floats.
+  setCutTextures(textures) {
+    const {gl} = this, target = gl.TEXTURE_3D;
+    gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1);
+    for (const [name, {dims, data, smooth}] of Object.entries(textures)) {
+      gl.deleteTexture(this.cutTextures[name]);
+      const [storage, channels, type] = data instanceof Uint8Array
+        ? [gl.R8, gl.RED, gl.UNSIGNED_BYTE] : data instanceof Uint16Array
+        ? [gl.RGBA16F, gl.RGBA, gl.HALF_FLOAT] : [gl.RGBA32F, gl.RGBA, gl.FLOAT];
+      this.cutTextures[name] = this.texture(kUnits.indexOf(name), target, storage, ...dims,
+                                            smooth ? gl.LINEAR : gl.NEAREST);
+      gl.texSubImage3D(target, 0, 0, 0, 0, ...dims, channels, type, data);
+    }
+  }
+
   // Resolves when rays can ask for tiles. Called after the first picture, which would wait for it.
   get asks() {
     return this.warmed ??= this.warm(this.feedbackProgram, () => this.bindFeedback());
@@ -98,7 +128,7 @@ export class Renderer {
     else gl.texStorage2D(target, 1, format, width, height);
     for (const name of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER])
       gl.texParameteri(target, name, filter);
-    for (const name of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T])
+    for (const name of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T, gl.TEXTURE_WRAP_R])
       gl.texParameteri(target, name, gl.CLAMP_TO_EDGE);
     return texture;
   }
@@ -206,6 +236,8 @@ export class Renderer {
       uExitSide: shape.exitSide, uRowBits: shape.rowBits, uTileBits: this.bits,
       uTileHeight: this.tileHeight, uTilesPerLayer: this.tilesPerLayer, uKeeps: this.keeps(view)};
     for (const [name, value] of Object.entries(integers)) gl.uniform1i(at(name), value);
+    for (const [name, kind, ...values] of view.cut ?? [])
+      gl[`uniform${kind}`](at(name), ...values);
     gl.uniform1iv(at('uRowBase'), shape.rowBase);
     gl.uniform1iv(at('uPathBase'), shape.pathBase);
     gl.uniform1iv(at('uPageBase'), shape.pageBase);
@@ -216,9 +248,9 @@ export class Renderer {
 
   // Without `shown`, the mask tells what level each cell shows.
   useToDraw(view, shown = -1) {
-    const gl = this.gl, {width, height} = this.canvas, {at} = this.drawProgram;
+    const gl = this.gl, {width, height} = this.canvas, {at} = this.drawing(view);
     this.bindPicture();
-    this.use(this.drawProgram, view, width, height);
+    this.use(this.drawing(view), view, width, height);
     const [across, down] = this.grid(kCells);
     gl.uniform2f(at('uCells'), width / across / this.picture.columns,
                  height / down / this.picture.rows);
@@ -278,7 +310,7 @@ export class Renderer {
     const w = Math.max(1, Math.round(width * scale)), h = Math.max(1, Math.round(height * scale));
     this.useToDraw(view);
     gl.viewport(0, 0, w, h);
-    gl.uniform2f(this.drawProgram.at('uScale'), width / w, height / h);
+    gl.uniform2f(this.drawing(view).at('uScale'), width / w, height / h);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
     this.drawn = [w, h];
     await this.timed(w * h);
@@ -296,7 +328,7 @@ export class Renderer {
     for (let y = 0; y < height; y += rows) {
       this.useToDraw(view, view.level);
       gl.viewport(0, 0, width, height);
-      gl.uniform2f(this.drawProgram.at('uScale'), 1, 1);
+      gl.uniform2f(this.drawing(view).at('uScale'), 1, 1);
       gl.enable(gl.SCISSOR_TEST);
       gl.scissor(0, y, width, rows);
       gl.drawArrays(gl.TRIANGLES, 0, 3);
@@ -406,11 +438,11 @@ export class Renderer {
   // What rays through at most kFeedbackSize places, in pixels, meet in the finest level that is
   // loaded: {point, distance} in radii, or undefined where the picture is less than half opaque.
   probe(view, places) {
-    const gl = this.gl, {width, height} = this.canvas, {at} = this.feedbackProgram;
+    const gl = this.gl, {width, height} = this.canvas, {at} = this.asking(view);
     const {eye, forward, right, down, half} = view.camera.axes(width, height);
     const pixel = 2 * half / height, found = new Uint32Array(4 * places.length);
     this.bindFeedback();
-    this.use(this.feedbackProgram, {...view, stamp: undefined}, width, height);
+    this.use(this.asking(view), {...view, stamp: undefined}, width, height);
     gl.uniform1i(at('uTask'), kTasks.probe);
     gl.uniform2f(at('uStep'), 0, 0);
     places.forEach(([x, y], i) => {
@@ -436,10 +468,10 @@ export class Renderer {
   // cells there are across and down.
   cast(view, size, choice, task) {
     const gl = this.gl, {width, height} = this.canvas, [across, down] = this.grid(size);
-    const w = Math.ceil(width / across), h = Math.ceil(height / down), {at} = this.feedbackProgram;
+    const w = Math.ceil(width / across), h = Math.ceil(height / down), {at} = this.asking(view);
     this.bindFeedback();
     gl.viewport(0, 0, w, h);
-    this.use(this.feedbackProgram, view, width, height);
+    this.use(this.asking(view), view, width, height);
     gl.uniform2f(at('uStep'), across, down);
     gl.uniform2f(at('uShift'), choice % across, Math.floor(choice / across) % down);
     gl.uniform1i(at('uTask'), kTasks[task]);

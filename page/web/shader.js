@@ -1,5 +1,8 @@
 // The shaders, which draw a view as doc/drawing.md defines it. Decoded tiles are in texture arrays.
-// A page table gives the place of the tile of each pair of sections.
+// A page table gives the place of the tile of each pair of sections. Those for views through planes
+// (`cuts`) have more, which takes drivers time.
+
+import {kMarch} from './march.js';
 
 export const kMaxLevels = 11;
 export const kTableBits = 12;  // log2 of the width of the textures that hold tables
@@ -12,7 +15,22 @@ void main() {  // one triangle that covers the picture
   gl_Position = vec4(float(gl_VertexID & 1) * 4.0 - 1.0, float(gl_VertexID >> 1) * 4.0 - 1.0, 0, 1);
 }`;
 
-const common = (cubic) => `#version 300 es
+// What planes take of a sample, and what that makes of its ray, as cut_samples() of slf has it.
+const kCutSample = `if (part_.x > 0.0 || part_.y < 1.0) {
+          bool cut = tx < part_.x || tx > part_.y, is = color.a > 0.02;
+          cutsAny = cutsAny || (cut && is);
+          keepsAny = keepsAny || (is && !cut);
+          divides = divides || (is && (color.a < 0.98 || tx < part_.x));
+          if (cut) color = vec4(0);
+        }`;
+const kDivide = `divided = uCap > 0 && (divides || (cutsAny && keepsAny));
+    if (divided) return kDone;`;
+// Which rays planes leave nothing of, and which are marched.
+const kChoose = `part_ = leftBy(uViewPlanes, P, Q - P);
+  marches = meets && uCap > 0 && part_.x > 0.0 && part_.x < part_.y;
+  meets = meets && !marches && part_.x < part_.y;`;
+
+const common = (cubic, cuts) => `#version 300 es
 const bool kCubic = ${cubic};  // whether pictures are interpolated by cubics; needs no other tiles
 precision highp float;
 precision highp int;
@@ -31,7 +49,7 @@ uniform bool uKeeps;       // whether uKept is a picture of this view
 uniform sampler2D uKept;   // alpha: 1 where a pixel is final
 
 int columns;  // of a tile
-
+${cuts ? kMarch : ''}
 uint table(int at) {
   return texelFetch(uTables, ivec2(at & ${(1 << kTableBits) - 1}, at >> ${kTableBits}), 0).r;
 }
@@ -151,6 +169,7 @@ int draw(int level, vec3 P, vec3 Q, out vec4 pixel, out ivec3 first, out ivec3 l
     low = vec4(1e9), high = vec4(-1e9), total = 0.0;
     vec3 opacities = vec3(0), positions = vec3(0);
     int state = kDone;
+    bool cutsAny = false, keepsAny = false, divides = false;
     for (int e = 0; e < 3; ++e) {
       float we = cell.weights[e];
       if (we <= 0.0) low = min(low, 0.0), high = max(high, 0.0);
@@ -182,11 +201,12 @@ int draw(int level, vec3 P, vec3 Q, out vec4 pixel, out ivec3 first, out ivec3 l
         float wx = leave.weights[x];
         ivec3 from = texel(slot, row[e] + triangle(local[x].x, local[x].y));
         vec4 color = texelFetch(uColor, from, 0);
-        low = min(low, color);
-        high = max(high, color);
         float depth = 0.0;
         if (uMode == 1 && color.a > 0.0) depth = texelFetch(uDepth, from, 0).r;
         float tx = along.x + depth * along.y;
+        ${cuts ? kCutSample : ''}
+        low = min(low, color);
+        high = max(high, color);
         opacities[e] += wx * color.a;
         positions[e] += wx * color.a * tx;
         float g = wx;
@@ -207,6 +227,7 @@ int draw(int level, vec3 P, vec3 Q, out vec4 pixel, out ivec3 first, out ivec3 l
       if (round_ == 0 && opacity > kFaint) t = clamp(position / opacity, 0.0, 1.0);
       return state;
     }
+    ${cuts ? kDivide : ''}
     vec4 before = pixel;
     pixel = round_ == 0 ? sum : sum / total;
     if (uMode == 0) return kDone;
@@ -232,7 +253,7 @@ int draw(int level, vec3 P, vec3 Q, out vec4 pixel, out ivec3 first, out ivec3 l
       pixel = mix(pixel, before, 0.4);
     }
     vec3 contrast = high.rgb - low.rgb;
-    cubic = kCubic && max(contrast.r, max(contrast.g, contrast.b)) >= 0.1;
+    cubic = kCubic && !cutsAny && max(contrast.r, max(contrast.g, contrast.b)) >= 0.1;
     break;
   }
 
@@ -287,7 +308,7 @@ bool meet(vec2 at, out vec3 P, out vec3 Q) {
 export const kMaskScale = 12;  // level that 255 stands for in the mask; above kMaxLevels
 export const kCurves = ['none', 'neutral', 'srgb'];
 
-export const kDraw = common(true) + `
+export const drawShader = (cuts) => common(true, cuts) + `
 uniform vec3 uBackground;
 uniform vec2 uScale;  // of the drawn part to the picture
 uniform float uShown;     // the level that all cells show; below 0: uMask tells
@@ -298,10 +319,10 @@ uniform float uGain;
 out vec4 result;
 
 // Tone mapping of premultiplied linear radiance, as in slf/tone.h.
-vec4 mapped(vec4 radiance) {
-  if (uCurve == 0 || !(radiance.a > 0.0)) return radiance;
-  vec3 color = max(radiance.rgb * (uGain / radiance.a), 0.0);
-  if (uCurve == 1) {
+vec4 mapped(vec4 radiance, int curve, float gain) {
+  if (curve == 0 || !(radiance.a > 0.0)) return radiance;
+  vec3 color = max(radiance.rgb * (gain / radiance.a), 0.0);
+  if (curve == 1) {
     const float kStart = 0.8 - 0.04, kDesaturation = 0.15, kRoom = 1.0 - kStart;
     float minChannel = min(color.r, min(color.g, color.b));
     color -= minChannel < 0.08 ? minChannel - 6.25 * minChannel * minChannel : 0.04;
@@ -317,6 +338,14 @@ vec4 mapped(vec4 radiance) {
   return vec4(radiance.a * mix(high, low, vec3(lessThanEqual(color, vec3(0.0031308)))), radiance.a);
 }
 
+${cuts ? `uniform int uMarchedCurve;  // as the field was built with
+uniform float uMarchedGain;
+vec4 marched(vec3 P, vec3 Q) {
+  float t;
+  vec4 pixel = march(P, Q, true, t);
+  if (uLinear) return mapped(pixel, uCurve, uGain);
+  return sliced ? pixel : mapped(pixel, uMarchedCurve, uMarchedGain);
+}` : ''}
 // The result's alpha is 1 where no tile of the level will change it.
 // Software graphics take the time of branches that no pixel takes, but not that of loops.
 void main() {
@@ -324,7 +353,8 @@ void main() {
   vec4 before = texelFetch(uKept, ivec2(gl_FragCoord.xy), 0);
   bool kept = uKeeps && before.a == 1.0;
   vec3 P, Q;
-  bool meets = meet(gl_FragCoord.xy * uScale, P, Q);
+  bool meets = meet(gl_FragCoord.xy * uScale, P, Q), marches = false;
+  ${cuts ? kChoose : ''}
   float shown = texture(uMask, gl_FragCoord.xy * uScale / uSize * uCells).r * ${kMaskScale}.0;
   shown = uShown < 0.0 ? round(shown * 20.0) / 20.0 : uShown;
   vec4 pixel = vec4(0);
@@ -334,6 +364,7 @@ void main() {
     float t;
     vec4 color;
     int state = draw(level, P, Q, color, first, last, t);
+    ${cuts ? 'if (marches = divided) break;' : ''}
     if (state == kWaiting && level <= uLevel) final_ = 0.0;
     if (state == kWaiting && uShown >= 0.0) break;  // the pixel will be drawn again
     if (state == kUnavailable || (state != kDone && level > 0)) continue;
@@ -341,7 +372,8 @@ void main() {
     pixel += weight * color;
     rest -= weight;
   }
-  pixel = mapped(pixel);
+  pixel = mapped(pixel, uCurve, uGain);
+  ${cuts ? 'if (marches && !kept) pixel = marched(P, Q);' : ''}
   result = kept ? before : vec4(pixel.rgb + (1.0 - pixel.a) * uBackground, final_);
 }`;
 
@@ -351,7 +383,7 @@ void main() {
 // the chord meets something, and so of the tiles that the ray will need. A survey finds the finest
 // level that has all tiles of a ray. A probe finds how far from the eye a ray meets something.
 export const kTasks = {ask: 0, survey: 1, probe: 2};
-export const kFeedback = common(false) + `
+export const feedbackShader = (cuts) => common(false, cuts) + `
 const float kNeighbourOffset = 0.02;  // of the height of the picture
 uniform vec2 uStep, uShift;
 uniform int uTask;  // of kTasks
@@ -381,7 +413,8 @@ void main() {
   needed0 = needed1 = uvec4(0);
   vec3 P, Q;
   vec2 at = (floor(gl_FragCoord.xy) * uStep + uShift) + 0.5;
-  bool asks = at.x < uSize.x && at.y < uSize.y && meet(at, P, Q);
+  bool asks = at.x < uSize.x && at.y < uSize.y && meet(at, P, Q), meets = asks, marches = false;
+  ${cuts ? kChoose + 'asks = meets && !marches;' : ''}
   if (uKeeps && texelFetch(uKept, ivec2(at), 0).a == 1.0) asks = false;
   vec4 pixel;
   ivec3 first = ivec3(0), last = ivec3(0);
@@ -389,10 +422,12 @@ void main() {
   int level = asks ? uLevel : -1, state = kDone, reach = uLevel;
   for (; level >= 0; --level) {
     state = draw(level, P, Q, pixel, first, last, t);
+    ${cuts ? 'if (marches = divided) break;' : ''}
     if (state == kWaiting) reach = level - 1;
     if (state == kDone || level == 0 || (state == kWaiting && uTask == 0)) break;
   }
   if (uTask == 2) {
+    ${cuts ? 'if (marches) asks = true, pixel = march(P, Q, false, t);' : ''}
     float hit = t >= 0.0 && pixel.a >= 0.5 ? distance(uEye, P + t * (Q - P)) : -1.0;
     needed0 = floatBitsToUint(vec4(asks ? hit : -1.0));
     return;

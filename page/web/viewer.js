@@ -4,6 +4,7 @@
 // tiles of the view and has them loaded.
 
 import {add, Camera, dot} from './camera.js';
+import {Cut, planesOf} from './cut.js';
 import {Field} from './field.js';
 import {Loader} from './loader.js';
 import {calm, sleep} from './media.js';
@@ -72,7 +73,8 @@ export class Viewer {
   get ended() { return this.state === 'failed' || this.state === 'disposed'; }
 
   // Shows the field of a source. `module` is a promise of the compiled WebAssembly module.
-  async open(source, module, decoders) {
+  // `cutter`: makes the worker of cuts, as Cut has it.
+  async open(source, module, decoders, cutter) {
     const {canvas, signal} = this, fail = (error) => this.fail(error);
     this.source = source;
     source.open().catch(() => {});  // beside the module; opening the field reports it
@@ -84,6 +86,8 @@ export class Viewer {
     field.state = field.stateNumber(this.settings.state);
     field.layers = layersOf(looksOf(field, this.settings.structures).looks);
     decoders.open(field);
+    this.cut = new Cut(field, cutter, () => this.changed());
+    if (field.shape.hasDepth) this.showCut(this.settings.clip, this.settings.cap);
     this.loader = new Loader(field, decoders, fail);
     // The tiles that matter most come while the graphics card makes room.
     await this.wantFirst();
@@ -106,6 +110,7 @@ export class Viewer {
       if (this.ended) return;
       this.renderer = new Renderer(canvas);
       this.renderer.open(field.shape, kTileBytes);
+      this.cut.upload();
       this.loader.restart(this.renderer);
       this.wantFirst().then(() => {
         if (this.state !== 'lost') return;
@@ -143,7 +148,8 @@ export class Viewer {
     const background =
       [1, 3, 5].map((i) => parseInt(settings.background.slice(i, i + 2), 16) / 255);
     const level = Math.min(chosen, this.ceiling, field.shape.levels);
-    return {camera, mode: settings.mode, background, exposure: Number(settings.exposure),
+    const cut = this.cut?.active ? this.cut.uniforms(this.renderer) : undefined;
+    return {camera, mode: cut ? 'depth' : settings.mode, cut, background, exposure: Number(settings.exposure),
             curve: field.radiance ? settings.curve : 'none', level, stamp: `${version} ${level}`};
   }
 
@@ -160,10 +166,22 @@ export class Viewer {
   }
   moves(now) { return now - this.movedAt < 200; }
 
+  // Shows what planes leave, and a cap on the faces: texts, as Cut has them.
+  async showCut(clip, cap = '') {
+    const planes = planesOf(clip), wanted = this.wanted = {};
+    if (planes.length > 0 && this.state !== 'opening') await this.renderer.cuts;
+    if (this.wanted !== wanted || this.ended) return;  // others by now
+    Object.assign(this.cut, {planes, cap});
+    this.cut.load();
+    if (this.state === 'opening') return;
+    this.movedAt = performance.now();
+    this.changed();
+  }
   // Shows another state of the field. Until its level 0 is there, the canvas keeps the picture.
   showState(state) {
     if (state === this.field.state) return;
     this.field.state = state;
+    this.cut.load();
     this.reload();
     this.moved();
   }
@@ -354,6 +372,7 @@ export class Viewer {
     const {loader, renderer} = this;
     while (loader.busy && this.state === 'opening') await sleep(5);
     await renderer.ready;
+    if (this.cut.active) await renderer.cuts;
     if (this.state !== 'opening' || renderer !== this.renderer) return undefined;
     this.state = 'loading';
     const view = this.view();
@@ -398,6 +417,9 @@ export class Viewer {
         if (!this.current(asked)) continue;
         this.state = 'settled';
         this.on.settled();
+        const {camera, canvas: {width, height}} = this, of = this.version;
+        this.cut.lightUp({camera, width, height}, () => this.current(of))
+          .catch((error) => this.on.say(error.message));
         while (this.current(asked)) await sleep(20);
         continue;
       }

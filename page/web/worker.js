@@ -8,6 +8,10 @@ export function serve(port) {
   const copies = new Map();  // of samples that tiles are predicted from, by page
   const samples = () =>
     native.bytes(native.calls.slf_samples(), native.calls.slf_sample_bytes()).slice();
+  const part = (number) => {
+    const at = native.calls.slf_part(number);
+    return native.bytes(at, native.calls.slf_part_bytes()).slice();
+  };
   const actions = {
     open({module, manifest, tables}) {
       native = new Native(module);
@@ -36,6 +40,26 @@ export function serve(port) {
       }
       native.calls.slf_compose();
       return samples();
+    },
+    // Those of cuts (cut.js), which have a module of their own.
+    reveal({module, code}) {
+      native = new Native(module);
+      native.fill(code);
+      native.check(native.calls.slf_reveal());
+    },
+    show({provenance}) {
+      native.fill(provenance);
+      native.check(native.calls.slf_show());
+      return {of: JSON.parse(native.text()), parts: [0, 1, 2, 3].map(part)};
+    },
+    light({clip, coarse}) {
+      native.fill(new Uint8Array(clip.buffer));
+      native.check(native.calls.slf_light(coarse));
+    },
+    rays({rays, last}) {
+      native.fill(new Uint8Array(rays.buffer));
+      native.check(native.calls.slf_light_rays());
+      return last && {of: JSON.parse(native.text()), light: part(4)};
     },
   };
   port.onmessage = ({data}) => {

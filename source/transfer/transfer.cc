@@ -14,8 +14,8 @@ namespace {
 /// the value itself and the second above it.
 template <class Point>
 auto at_or_above(const std::vector<Point>& points, double value) {
-  return std::ranges::lower_bound(points, value,
-                                  [](const Point& point, double at) { return point.value < at; });
+  return std::lower_bound(points.begin(), points.end(), value,
+                          [](const Point& point, double at) { return point.value < at; });
 }
 
 // vtkPiecewiseFunction's curve between two nodes: linear to the midpoint and from it on, then
