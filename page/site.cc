@@ -127,6 +127,7 @@ Result<Posters> make_posters(Field field, const Views& views) {
                          std::to_string(tile.offset_bytes + tile.payload_bytes) + " ";
       return Result<void>();
     }));
+  if (views.cut) return posters;  // it would show the whole
   Image picture =
       SLF_TRY(renderer.render(camera, {mode, matching_level(field.shape(), camera, mode)}));
   SLF_TRY(map_tones(field, std::nullopt, /*display=*/true, picture));

@@ -24,17 +24,16 @@ constexpr std::uint64_t kMaxBytes = 1 << 20;
 constexpr std::size_t kMaxEntries = 500;
 constexpr double kMaxNumber = 1e12;
 
-enum class Kind { title, text, address, orbit, point, titles };
+enum class Kind { title, text, address, orbit, point, titles, planes };
 struct Member {
   std::string_view name;
   Kind kind;
   bool required;
 };
-constexpr Member kView[] = {{"title", Kind::title, true},
-                            {"text", Kind::text, false},
-                            {"orbit", Kind::orbit, true},
-                            {"target", Kind::point, false},
-                            {"structures", Kind::titles, false}};
+constexpr Member kView[] = {{"title", Kind::title, true},        {"text", Kind::text, false},
+                            {"orbit", Kind::orbit, true},        {"target", Kind::point, false},
+                            {"structures", Kind::titles, false}, {"clip", Kind::planes, false},
+                            {"cap", Kind::title, false}};
 constexpr Member kAbout[] = {{"title", Kind::title, true},
                              {"description", Kind::text, false},
                              {"author", Kind::text, false},
@@ -73,6 +72,12 @@ std::string_view expected(const json& value, Kind kind) {
           }))
         return "";
       return "a list of texts, each NAME[:OPACITY][:#RRGGBB]";
+    case Kind::planes:
+      if (value.is_array() && std::all_of(value.begin(), value.end(), [&](const json& one) {
+            return one.is_array() && one.size() == 6 && std::all_of(one.begin(), one.end(), number);
+          }))
+        return "";
+      return "a list of planes [x, y, z, nx, ny, nz]: a point, and a normal to what is removed";
   }
   return "";
 }
@@ -181,6 +186,13 @@ Result<Views> parse_views(const ViewsFile& file, const Sphere& sphere) {
       views.structures = list[0]["structures"].get<std::vector<std::string>>();
       views.attributes += attribute(*views.structures);
     }
+    views.cut = !list[0].value("clip", json::array()).empty();
+    for (const json& plane : list[0].value("clip", json::array())) {
+      const std::string text = plane.dump();
+      views.attributes +=
+          (views.attributes.ends_with('"') ? " clip=\"" : ";") + text.substr(1, text.size() - 2);
+    }
+    if (views.cut) views.attributes += "\" cap=\"" + escape_html(list[0].value("cap", "")) + "\"";
   }
   return views;
 }

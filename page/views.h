@@ -1,7 +1,8 @@
 // Views: saved views and notes that the page shows with a field, from a file such as
 //
 //   {"views": [{"title": "From the left", "text": "See https://example.org", "orbit": [90, 0, 3],
-//               "target": [0, 16, 8], "structures": ["stem:0.3"]}],
+//               "target": [0, 16, 8], "structures": ["stem:0.3"],
+//               "clip": [[0, 0, 40, 0, 0, 1]], "cap": "slice:-100,300"}],
 //    "notes": [{"label": "Frontal lobe", "text": "…", "point": [1.5, -60, 20]}],
 //    "about": {"title": "A brain", "author": "A. Author", "licence": "CC BY 4.0"}}
 #pragma once
@@ -40,6 +41,7 @@ struct Views {
   std::vector<double> camera{};  ///< of the first view, as the page's address has it; may be empty
   std::optional<std::vector<std::string>> structures{};  ///< that the first view shows
   std::string state{};  ///< of the object, that is shown first; empty: state 0
+  bool cut = false;     ///< whether planes cut the first view
   About about{};
   std::string attributes{};  ///< of the page's element for the first view, each after a space
 };

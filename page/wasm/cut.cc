@@ -71,6 +71,8 @@ json describe(const VolumeScene& scene) {
   const TransferTable& table = grid.table;
   const bool lit = scene.lighting.mode != Lighting::direct;
   const json built = json::parse(scene.provenance);
+  const nlohmann::json::json_pointer at("/lighting/tone/curve");
+  const json curve = built.contains(at) ? built[at] : json("none");  // value() would throw
   json lights = json::array(), sky = json::array();
   if (lit) {
     const Illumination illumination = illuminate(scene.lighting, scene.bounds);
@@ -102,7 +104,7 @@ json describe(const VolumeScene& scene) {
           {"range", {cut().reveal.low, cut().reveal.high}},
           {"lit", lit},
           {"linear", lit && scene.lighting.linear},
-          {"curve", built.value("/lighting/tone/curve"_json_pointer, "none")},
+          {"curve", curve},
           {"exposure", scene.lighting.tone.exposure},
           {"shade", grid.shade},
           {"toLight", list_of(grid.light)},

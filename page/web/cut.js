@@ -6,12 +6,13 @@ import {kCaps, kMaxPlanes} from './march.js';
 import {kCurves} from './shader.js';
 
 const kMostPlanes = 6;    // as slf render takes them
+export const kMostShown = 3;  // that the page makes
 const kLightRays = 160;   // across the picture, that the light is computed for
 const kChunk = 2048;      // of these, that a worker computes at a time
 const kTexels = 256;      // across the texture of the table
 export const kCapForm = /^(shaded|coarse|hollow|slice(:-?[\d.e+-]+,-?[\d.e+-]+)?)$/i;
 
-const unit = (v) => v.map((one) => one / Math.hypot(...v));
+export const unit = (v) => v.map((one) => one / Math.hypot(...v));
 const short = (v) => Number(v.toPrecision(6));
 
 // Planes as texts, as slf takes them: 'X,Y,Z,NX,NY,NZ' each, with semicolons in between; and back.
@@ -25,6 +26,7 @@ export function planesOf(given) {
     .slice(0, kMostPlanes).map((v) => ({point: v.slice(0, 3), normal: unit(v.slice(3))}));
 }
 
+const luminance = ([r, g, b]) => 0.2126 * r + 0.7152 * g + 0.0722 * b;
 // The columns of a matrix times a vector.
 const times = (columns, [x, y, z]) =>
   [0, 1, 2].map((k) => columns[k] * x + columns[3 + k] * y + columns[6 + k] * z);
@@ -48,22 +50,22 @@ export class Cut {
 
   // Loads the reveal, once, and what the state that is shown makes of it. Without one, or if the
   // page cannot show it, cuts are hollow.
-  async load() {
-    const {field} = this, {state} = field;
-    if (!this.active || this.cap === 'hollow' || this.shown === state) return;
-    this.shown = state;
-    this.of = undefined;
+  load() {
+    if (this.shown !== this.field.state) this.loading = this.show(this.shown = this.field.state);
+    return this.loading;
+  }
+  async show(state) {
+    const {field} = this;
     try {
       if (field.structures.length > 0) throw new Error('Cuts through structures are hollow.');
       this.worker ??= this.begun();
       const worker = await this.worker;
       const {of, parts} = await worker({action: 'show', provenance: field.provenance()});
-      if (field.state !== state) return;
-      this.take(of, parts);
+      if (this.shown === state) this.take(of, parts);
     } catch (error) {
+      this.of = undefined;
       this.why = error.message;
     }
-    this.changed();
   }
   async begun() {
     const code = await this.field.reveal();
@@ -131,27 +133,29 @@ export class Cut {
                 ['uLightSpacing', '1f', light.spacing]);
     return list;
   }
-  // The light of faces if nothing is in the way, until a worker has computed it: from all that is
-  // on the removed side of a plane.
+  // The light until a worker has computed it: of faces, all that comes from the removed side of a
+  // plane; of what is far from planes, all.
   openLight(planes) {
-    const {sky, lights} = this.of, lit = ([x, y, z]) =>
-      planes.some(({normal}) => dot(normal, [x, y, z]) > 0);
-    const normal = unit(planes.reduce((sum, plane) => sum.map((v, k) => v + plane.normal[k]),
-                                      [1e-9, 0, 0]));
-    const mean = [0, 0, 0], facing = [0, 0, 0];
-    for (const [x, y, z, ...rgb] of sky) {
-      if (!lit([x, y, z])) continue;
-      const toward = Math.max(0, dot(normal, [x, y, z]));
-      rgb.forEach((v, c) => {
-        mean[c] += v / sky.length;
-        facing[c] += 4 * toward * v / sky.length;
-      });
+    const {sky, lights} = this.of;
+    const lists = {uOpenMean: [], uOpenChange: [], uOpenTint: [], uOpenArrives: []};
+    const beyond = (to) => planes.some(({normal}) => dot(normal, to) > 0);
+    for (const sees of [beyond, () => true]) {
+      const mean = [0, 0, 0], change = [0, 0, 0];
+      for (const [x, y, z, ...rgb] of sky) {
+        if (!sees([x, y, z])) continue;
+        const part = 2 * luminance(rgb) / sky.length;
+        [x, y, z].forEach((v, k) => {
+          mean[k] += rgb[k] / sky.length;
+          change[k] += part * v;
+        });
+      }
+      lists.uOpenMean.push(...mean);
+      lists.uOpenChange.push(...change);
+      lists.uOpenTint.push(...mean.map((v) => v / (luminance(mean) || 1)));
+      lists.uOpenArrives.push(
+        ...[0, 1, 2].map((k) => lights[k] && sees(lights[k].direction) ? 1 : 0));
     }
-    const luminance = ([r, g, b]) => 0.2126 * r + 0.7152 * g + 0.0722 * b;
-    const change = facing.map((v, c) => v - mean[c]), most = luminance(change);
-    return {uOpenMean: mean, uOpenChange: normal.map((v) => v * most),
-            uOpenTint: change.map((v) => Math.abs(most) > 1e-9 ? v / most : 1),
-            uOpenArrives: [0, 1, 2].map((k) => lights[k] && lit(lights[k].direction) ? 1 : 0)};
+    return lists;
   }
 
   // Has the light computed of what a view lays open: of new planes coarse, then fine, then of other

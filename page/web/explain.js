@@ -95,8 +95,9 @@ export class Explain {
     const at = (number + this.views.length) % this.views.length;
     this.tell(at);
     this.viewer.flyTo(this.views[at].camera);
-    const {structures} = this.views[at];
+    const {structures, clip = [], cap = ''} = this.views[at];
     if (structures) this.element.structures = structures;
+    Object.assign(this.element, {cap, clip});
     return true;
   }
   tell(at) {
@@ -113,7 +114,9 @@ export class Explain {
     return {title: 'Title', text: '', orbit: [azimuth, elevation, distance].map(round),
             ...(target.some((v) => v !== 0) && {target: this.outward(target).map(round)}),
             ...(this.viewer.field.structures.length > 0 &&
-                {structures: this.element.structures})};
+                {structures: this.element.structures}),
+            ...(this.element.clip.length > 0 && {clip: this.element.clip.map((text) => text.split(',').map(Number))}),
+            ...(this.element.cap && {cap: this.element.cap})};
   }
   async copy(text, name, what = '') {
     try {
@@ -200,7 +203,8 @@ export class Explain {
     const {clientWidth, clientHeight} = viewer.canvas;
     const [middle, ...found] =
       viewer.probe([[clientWidth / 2, clientHeight / 2], ...notes.map(({x, y}) => [x, y])]);
-    notes.forEach((note, i) => this.hide(note, found[i]?.distance < note.distance - kBehind));
+    notes.forEach((note, i) => this.hide(note, viewer.cut.removes(this.outward(note.point)) ||
+                                               found[i]?.distance < note.distance - kBehind));
     this.placeNotes();
     this.scale(middle?.distance);
   }

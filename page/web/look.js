@@ -8,6 +8,7 @@ export const kMarkup = `
 <canvas id="picture" tabindex="0" role="img" aria-describedby="keys"
   aria-label="The field, seen from a camera that you can move"></canvas>
 <svg id="lines" aria-hidden="true"></svg>
+<svg id="planes" role="group" aria-label="Planes that cut the object"></svg>
 <div id="notes"></div>
 <div id="cross" aria-hidden="true" hidden></div>
 <div id="compass" aria-hidden="true" hidden></div>
@@ -16,7 +17,7 @@ export const kMarkup = `
 <p id="keys" class="unseen">Arrow keys turn the view, plus and minus zoom, Shift with arrow keys
 moves it, R resets it, Space turns it by itself, F fills the screen, H hides the panel, L the list
 of structures, Page Up and Page Down show the saved views, M measures, P plays the states of the
-object, comma and period step through them.</p>
+object, comma and period step through them, C cuts the object by a plane.</p>
 <aside id="panel" aria-label="Settings">
   <header>
     <h2 id="name">Loading…</h2>
@@ -49,12 +50,30 @@ object, comma and period step through them.</p>
         <input id="exposure" type="range" min="-6" max="6" step="0.25" value="0"></label>
     </div>
     <label>Background <input id="background" type="color" value="#000000"></label>
+    <div id="cuts" hidden>
+      <label>Cut faces <select id="cap">
+        <option value="shaded">shaded</option>
+        <option value="slice">grey</option>
+        <option value="hollow">hollow</option>
+      </select></label>
+      <div id="greys" hidden>
+        <label>Level <input id="grey" type="range"></label>
+        <label>Window <input id="span" type="range"></label>
+      </div>
+      <div class="buttons">
+        <button id="flip" type="button">Flip</button>
+        <button id="snap" type="button">Snap to axis</button>
+        <button id="more" type="button">Add a plane</button>
+        <button id="remove" type="button">Remove</button>
+      </div>
+    </div>
     <div class="buttons">
       <label class="check"><input id="marks" type="checkbox"> Directions</label>
       <label class="check"><input id="spin" type="checkbox"> Turn by itself</label>
       <button id="reset" type="button" title="R">Reset</button>
       <button id="full" type="button" title="F">Full screen</button>
       <button id="ruler" type="button" aria-pressed="false" title="M">Measure</button>
+      <button id="cut" type="button" aria-pressed="false" title="C">Cut</button>
       <button id="save" type="button">Save picture</button>
       <button id="link" type="button">Copy link</button>
       <button id="copy" type="button">Copy this view</button>
@@ -145,7 +164,7 @@ aside h2 {
 dl { display: grid; grid-template-columns: auto 1fr; gap: 2px 12px; margin: 0; }
 dt { color: var(--dim); }
 dd { margin: 0; text-align: right; font-variant-numeric: tabular-nums; overflow-wrap: anywhere; }
-#tones, #states { display: grid; gap: 6px; }
+#tones, #states, #cuts { display: grid; gap: 6px; }
 label {
   display: flex; justify-content: space-between; align-items: center; gap: 8px; min-height: 44px;
 }
@@ -199,11 +218,18 @@ button[aria-pressed="true"] { background: var(--accent); color: var(--pressed); 
   pointer-events: none;
 }
 #scale i { display: block; border: 2px solid currentcolor; border-top: 0; height: 6px; }
-#lines, #notes {
+#lines, #notes, #planes {
   position: absolute; inset: 0; width: 100%; height: 100%; pointer-events: none; overflow: hidden;
 }
 #lines line { stroke: var(--ink); stroke-width: 2; paint-order: stroke; }
 #lines circle { fill: var(--accent); stroke: #000; }
+#planes { outline: none; }
+#planes :is(path, line) { fill: none; stroke: var(--ink); stroke-width: 1.5; opacity: 0.5; }
+#planes .chosen :is(path, line) { stroke: var(--accent); stroke-width: 2.5; opacity: 0.9; }
+#planes :is(path.wide, circle) { pointer-events: stroke; cursor: move; touch-action: none; }
+#planes .wide.rim { stroke-width: 24; opacity: 0; }
+#planes circle { fill: var(--accent); stroke: #000; pointer-events: all; }
+#planes circle:focus-visible { outline: 2px solid var(--ink); outline-offset: 2px; }
 .note {
   position: absolute; left: 0; top: 0; max-width: 240px; pointer-events: auto;
   background: var(--panel); border-radius: 22px; transition: opacity 0.2s;

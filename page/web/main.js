@@ -8,6 +8,7 @@ import {attach} from './controls.js';
 import {kCapForm, planesOf, textOf} from './cut.js';
 import {Decoders} from './decoders.js';
 import {Explain} from './explain.js';
+import {Handles} from './handle.js';
 import {ownColors, StructureList} from './list.js';
 import {kMarkup, kStyle, make} from './look.js';
 import {embeddedSource, fileSource, HttpSource} from './source.js';
@@ -137,6 +138,7 @@ export class SlfField extends (globalThis.HTMLElement ?? Object) {
     this.byId('fold').onclick = () => this.toggle('settings');
     this.byId('unroll').onclick = () => this.toggle('parts');
     this.explain = new Explain(this, this.byId);
+    this.handles = new Handles(this, this.byId);
     this.list = new StructureList(this.byId, (looks) => this.showLooks(looks));
     if (this.whole) this.readFragment();
     const poster = this.getAttribute('poster');
@@ -212,8 +214,10 @@ export class SlfField extends (globalThis.HTMLElement ?? Object) {
     this.settings.cap = kCapForm.test(text) ? String(text) : '';
     this.showCut();
   }
-  showCut() {
-    if (this.filled) this.viewer.showCut(this.settings.clip, this.settings.cap);
+  async showCut() {
+    const {settings, viewer} = this;
+    if (this.filled)
+      await viewer.showCut(settings.clip, settings.cap).catch((error) => this.say(error.message));
   }
   // The structures that are shown, and how: texts as slf render --structure takes them.
   get structures() { return this.settings.structures ?? ['*']; }
@@ -360,12 +364,14 @@ export class SlfField extends (globalThis.HTMLElement ?? Object) {
     if (this.turned || this.viewer.complete || !poster)
       this.byId('picture').classList.add('shown');
     this.explain.place();
+    this.handles.place();
   }
   moved() {
     this.turned ||= this.viewer.draws;
     this.byId('spin').checked = this.camera.spins;
     this.drawMarks();
     this.explain.place();
+    this.handles.place();
     this.tell('camera', {view: this.view});
   }
   settled() {
@@ -512,7 +518,8 @@ export class SlfField extends (globalThis.HTMLElement ?? Object) {
       hears: this.whole ? globalThis : this,
       wheels: () => this.alone || this.shadowRoot.activeElement && document.hasFocus(),
       keys: {r: reset, f: fill, h: () => this.toggle('settings'), l: () => this.toggle('parts'),
-             ' ': spin, m: () => explain.use('ruler'), p: () => this.play(),
+             ' ': spin, c: () => viewer.field.shape.hasDepth && this.handles.toggle(),
+             m: () => explain.use('ruler'), p: () => this.play(),
              ',': () => this.showState(viewer.field.state - 1),
              '.': () => this.showState(viewer.field.state + 1),
              pageup: () => explain.go(explain.at - 1), pagedown: () => explain.go(explain.at + 1),
@@ -580,7 +587,7 @@ export class SlfField extends (globalThis.HTMLElement ?? Object) {
     if (!shape.hasDepth) {
       settings.mode = 'bitri';
       byId('mode').querySelector('[value=depth]').remove();
-      byId('ruler').hidden = byId('mark').hidden = true;
+      byId('ruler').hidden = byId('mark').hidden = byId('cut').hidden = true;
     }
     if (Number(settings.level) > shape.levels) settings.level = 'auto';
     viewer.field.states.forEach((state, number) => byId('state').append(new Option(state, number)));
@@ -595,6 +602,7 @@ export class SlfField extends (globalThis.HTMLElement ?? Object) {
     }
     this.filled = true;
     this.showChoices();
+    this.handles.place();
     byId('tones').hidden = !viewer.field.radiance;
     byId('marks').checked = p.kind === 'volume';
     if (shape.levels < m.levels)

@@ -28,7 +28,8 @@ uniform vec3 uToLight;                  // of direct light
 uniform vec3 uIrradiance[3];            // of lights, and where they are, in radii: if uNear is 0,
 uniform vec3 uDirection[3], uPlace[3];  // infinitely far
 uniform float uNear[3];
-uniform vec3 uOpenMean, uOpenChange, uOpenTint, uOpenArrives;  // light if nothing is in the way
+// Light if nothing is in the way: of faces, and of what is far from planes.
+uniform vec3 uOpenMean[2], uOpenChange[2], uOpenTint[2], uOpenArrives[2];
 uniform vec3 uLightLow, uLightDims;     // in voxels; nodes
 uniform float uLightSpacing;
 
@@ -112,7 +113,9 @@ vec3 shaded(int entry, vec3 p, vec3 radii) {
   }
   vec4 albedo = matter(entry, 1);
   vec3 n = normalAt(p, radii, true);
-  float known = 0.0;
+  float known = 0.0, under = 1e9;
+  for (int k = 0; k < uPlanes; ++k)
+    under = min(under, (dot(uPlane[k].xyz, radii) + uPlane[k].w) * uVoxelsAway[k]);
   vec3 lit = vec3(0);
   if (uLights) {
     vec3 surface = albedo.w * n, aside = surface * uGradient;
@@ -129,9 +132,12 @@ vec3 shaded(int entry, vec3 p, vec3 radii) {
                vec3(change.a, tint.ba) / max(known, 1e-3)), surface, radii);
   }
   if (known > 0.99) return lit;
-  vec3 open = color * scattered(Arriving(uOpenMean, uOpenChange, uOpenTint, uOpenArrives),
-                                n / max(length(n), 1e-3), radii);
-  return mix(open, lit, known);
+  n /= max(length(n), 1e-3);
+  vec3 open[2];
+  for (int k = 0; k < 2; ++k)
+    open[k] = color * scattered(
+      Arriving(uOpenMean[k], uOpenChange[k], uOpenTint[k], uOpenArrives[k]), n, radii);
+  return mix(mix(open[0], open[1], clamp(under, 0.0, 1.0)), lit, known);
 }
 
 // Marches the chord through the reveal. t: where it meets something, or below 0.
@@ -174,6 +180,11 @@ vec4 march(vec3 P, vec3 Q, bool lights, out float t) {
       continue;
     }
     float next = min(at + step_, part.y);
+    if (uHasRows) {  // to the next place where another voxel is the nearest, or its centre
+      vec3 faces = (floor(2.0 * p + 2e-3 * sign(d)) + step(0.0, d)) / 2.0;
+      vec3 leaves = (faces - a) * inverse;
+      next = min(next, max(at + 0.01 * step_, min(leaves.x, min(leaves.y, leaves.z))));
+    }
     int row = rowAt(a + 0.5 * (at + next) * d);
     float from = before, to = valueAt(a + next * d);
     if (from < 0.0) from = valueAt(p);

@@ -87,7 +87,7 @@ export class Viewer {
     field.layers = layersOf(looksOf(field, this.settings.structures).looks);
     decoders.open(field);
     this.cut = new Cut(field, cutter, () => this.changed());
-    if (field.shape.hasDepth) this.showCut(this.settings.clip, this.settings.cap);
+    if (field.shape.hasDepth) await this.showCut(this.settings.clip, this.settings.cap);
     this.loader = new Loader(field, decoders, fail);
     // The tiles that matter most come while the graphics card makes room.
     await this.wantFirst();
@@ -166,22 +166,21 @@ export class Viewer {
   }
   moves(now) { return now - this.movedAt < 200; }
 
-  // Shows what planes leave, and a cap on the faces: texts, as Cut has them.
+  // Shows what planes leave, and a cap on the faces: texts, as Cut has them. Until that can be drawn,
+  // the canvas keeps the picture.
   async showCut(clip, cap = '') {
-    const planes = planesOf(clip), wanted = this.wanted = {};
-    if (planes.length > 0 && this.state !== 'opening') await this.renderer.cuts;
+    const planes = planesOf(clip), wanted = this.wanted = {}, opens = this.state === 'opening';
+    if (planes.length > 0 && cap !== 'hollow') await this.cut.load();
+    if (planes.length > 0 && !opens) await this.renderer.cuts;
     if (this.wanted !== wanted || this.ended) return;  // others by now
     Object.assign(this.cut, {planes, cap});
-    this.cut.load();
-    if (this.state === 'opening') return;
-    this.movedAt = performance.now();
-    this.changed();
+    if (!opens) this.moved();
   }
   // Shows another state of the field. Until its level 0 is there, the canvas keeps the picture.
   showState(state) {
     if (state === this.field.state) return;
     this.field.state = state;
-    this.cut.load();
+    if (this.cut.active) this.cut.load().then(() => this.changed());
     this.reload();
     this.moved();
   }

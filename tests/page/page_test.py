@@ -135,6 +135,63 @@ class PageTest(unittest.TestCase):
                 page.close()
             self.assertEqual(server.status, -signal.SIGINT)  # as a shell expects of Ctrl-C
 
+    def cut_field(self, name="cut", *options):
+        """A field of a small volume with a reveal: balls in a box, one of them hollow."""
+        field, raw = path(name + ".slf"), path("balls.raw")
+
+        def value(x, y, z):
+            away = [math.dist((x, y, z), center) for center in [(14, 16, 16), (23, 16, 12)]]
+            inside = 60 + 5 * z if 4 < away[0] < 11 else 220 if away[1] < 5 else 0
+            return min(255, inside)
+
+        with open(raw, "wb") as file:
+            file.write(bytes(value(x, y, z) for z in range(32) for y in range(32)
+                             for x in range(32)))
+        slf("build", raw, "--dims", "32x32x32", "-o", field, "-f", "--entry", 4, "--exit", 16,
+            "--levels", 1, "--reveal", *options)
+        return field
+
+    def cut(self, page, clip, cap, view="30,20,3"):
+        """Shows a cut of the finest level, under its own light, by the page's address."""
+        page.run(f"""new Promise((done) => {{
+          addEventListener('hashchange', done, {{once: true}});
+          location.hash = 'view={view}&level=1&clip={clip}&cap={cap}';
+        }}).then(() => new Promise((done) => setTimeout(done, 300)))""")
+        page.settle()
+        page.wait("""slf.cut.hollow || !slf.cut.of.lit ||
+                     (slf.cut.light?.fine && slf.cut.light.clip === slf.root.host.clip.join(';') &&
+                      slf.cut.light.view === slf.camera.toText())""")
+        page.run("new Promise((done) => setTimeout(done, 300))")
+        page.settle()
+
+    def test_cuts_are_those_of_slf_render(self):
+        up, two = "16,16,17,0,0,1", "16,16,17,0,0.2,1;13,16,16,1,-1,0"
+        for options in [["--lighting", "direct"], ["--lighting", "global"], ["--no-reveal"],
+                        ["--lighting", "direct", "--labels"],
+                        ["--lighting", "global", "--color-type", "half"]]:
+            reveal = "--no-reveal" not in options
+            field = self.cut_field("cut", *[o for o in options if reveal])
+            if not reveal:
+                slf("repack", field, "-o", path("hollow.slf"), "-f", "--no-reveal")
+                field = path("hollow.slf")
+            with Server(field) as server:
+                page = self.browser.open(server.url, SIZE, SIZE)
+                page.settle()
+                for clip, cap in [(up, "hollow"), (up, "shaded"), (two, "shaded"), (two, "slice"),
+                                  (up, "slice:50,250")][:None if reveal else 1]:
+                    self.cut(page, clip, cap)
+                    page.canvas(path("cut-page.png"))
+                    slf("render", field, "-o", path("cut-slf.png"), "-f", "--level", 1, "--orbit",
+                        "30,20,3", "--size", f"{SIZE}x{SIZE}", "--background", "0,0,0", "--cap",
+                        cap, *[part for plane in clip.split(";") for part in ["--clip", plane]])
+                    found = json.loads(slf("compare", path("cut-page.png"), path("cut-slf.png"),
+                                           "--json"))["psnr"] or 99
+                    print(f"{options} {clip} {cap}: {found:.1f} dB", flush=True)
+                    with self.subTest(options=options, clip=clip, cap=cap):
+                        self.assertGreaterEqual(found, 42)
+                self.assertEqual(page.complaints(), [])
+                page.close()
+
     def test_any_distance_that_slf_render_takes_is_shown(self):
         field = self.fields[0]
         with Server(field) as server:

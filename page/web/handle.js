@@ -1,0 +1,199 @@
+// The handles of planes in the picture: a disc and an arrow each. Dragging the arrow moves a plane
+// along its normal, dragging the rim of the disc tilts it. Keys do the same.
+
+import {add, dot} from './camera.js';
+import {kMostShown, unit} from './cut.js';
+
+const kDisc = 0.55, kArrow = 0.3;   // radii
+const kPoints = 40;                 // of the rim
+const kNearAxis = Math.cos(4 * Math.PI / 180);  // a tilted plane snaps to an axis so near
+const kTilt = 150;                  // pixels that the rim is dragged for a radian
+const kKey = 0.02, kKeyTilt = 0.05; // radii and radians of a press of a key
+const kAxes = [[1, 0, 0], [0, 1, 0], [0, 0, 1]];
+
+const cross = ([a, b, c], [x, y, z]) => [b * z - c * y, c * x - a * z, a * y - b * x];
+// The axis, either way, that a direction is nearest to.
+export function nearestAxis(normal, among = kAxes) {
+  const axis = among.reduce((a, b) => Math.abs(dot(normal, b)) > Math.abs(dot(normal, a)) ? b : a);
+  return axis.map((v) => v && Math.sign(dot(normal, axis)) * v);
+}
+
+export class Handles {
+  // `element`: the <slf-field>; `byId` finds its parts.
+  constructor(element, byId) {
+    Object.assign(this, {element, byId, viewer: element.viewer, chosen: 0});
+    const box = byId('planes');
+    box.onpointerdown = (event) => this.grab(event);
+    box.onpointermove = (event) => this.drag(event);
+    box.onpointerup = box.onpointercancel = (event) => this.drop(event);
+    box.onkeydown = (event) => this.press(event);
+    byId('cut').onclick = () => this.toggle();
+    byId('cap').onchange = () => { this.element.cap = byId('cap').value; };
+    byId('flip').onclick = () => this.change(({normal}) => ({normal: normal.map((v) => -v)}));
+    byId('snap').onclick = () => this.change(({normal}) => ({normal: nearestAxis(normal)}));
+    byId('remove').onclick = () => this.set(this.planes.filter((_, k) => k !== this.chosen));
+    byId('more').onclick = () => this.add();
+    for (const name of ['grey', 'span']) byId(name).oninput = () => this.window();
+  }
+  get planes() { return this.viewer.cut?.planes ?? []; }
+  get sphere() { return this.viewer.field.manifest.sphere; }
+
+  set(planes) {
+    this.chosen = Math.min(this.chosen, Math.max(0, planes.length - 1));
+    this.element.clip = planes.map(({point, normal}) => [...point, ...normal]);
+  }
+  // Changes the plane that is chosen.
+  change(how) {
+    this.set(this.planes.map((plane, k) =>
+      k === this.chosen ? {...plane, ...how(plane)} : plane));
+  }
+  // A plane through the middle, across the axis nearest to the view that has none.
+  add() {
+    const used = this.planes.map(({normal}) => nearestAxis(normal).map(Math.abs).join());
+    const free = kAxes.filter((axis) => !used.includes(axis.join()));
+    const {forward} = this.viewer.camera.axes(1, 1);
+    if (this.planes.length >= kMostShown) return;
+    this.chosen = this.planes.length;
+    this.set([...this.planes, {point: this.sphere.center, normal: nearestAxis(
+      forward.map((v) => -v), free.length > 0 ? free : kAxes)}]);
+  }
+  toggle() {
+    if (this.planes.length > 0) this.set([]);
+    else this.add();
+    this.element.showCut().then(() => this.viewer.cut.why && this.element.hint(this.viewer.cut.why));
+  }
+  // Takes the greys of a slice from the sliders.
+  window() {
+    const [middle, width] = ['grey', 'span'].map((name) => Number(this.byId(name).value));
+    this.element.cap =
+      `slice:${[middle - width / 2, middle + width / 2].map((v) => +v.toPrecision(4))}`;
+  }
+
+  // Where the handle of a plane is, in radii: the foot of the sphere's centre on the plane.
+  foot({point, normal}) {
+    const {center, radius} = this.sphere;
+    return normal.map((v) => v * dot(normal, add(point, center, -1)) / radius);
+  }
+  rim(plane) {
+    const {normal} = plane, u = unit(cross(normal, kAxes[Math.abs(normal[2]) < 0.9 ? 2 : 0]));
+    const v = cross(normal, u), foot = this.foot(plane);
+    return Array.from({length: kPoints}, (_, k) => {
+      const t = 2 * Math.PI * k / kPoints;
+      return add(add(foot, u, kDisc * Math.cos(t)), v, kDisc * Math.sin(t));
+    });
+  }
+  // Draws the handles, and says what is shown in the panel.
+  place() {
+    const {byId, viewer, planes} = this, {cut} = viewer;
+    if (!cut) return;
+    byId('cut').setAttribute('aria-pressed', String(planes.length > 0));
+    byId('cuts').hidden = planes.length === 0;
+    const slices = cut.cap.startsWith('slice') && !cut.hollow;
+    byId('greys').hidden = !slices;
+    byId('cap').value = cut.hollow ? 'hollow' : slices ? 'slice' : 'shaded';
+    Object.assign(byId('cap'), {disabled: cut.hollow && cut.why, title: cut.why ?? ''});
+    byId('more').disabled = planes.length >= kMostShown;
+    if (slices) {
+      const [low, high] = cut.window, [least, most] = cut.of.range;
+      Object.assign(byId('grey'), {min: least, max: most, step: 'any', value: (low + high) / 2});
+      Object.assign(byId('span'), {min: (most - least) / 100, max: most - least, step: 'any',
+                                   value: high - low});
+    }
+    const at = (point) => {
+      const {x, y, far} = viewer.project(point);
+      return far > 0 ? [x.toFixed(1), y.toFixed(1)] : [-99, -99];
+    };
+    const box = byId('planes');
+    while (box.children.length > planes.length) box.lastChild.remove();
+    planes.forEach((plane, k) => {
+      if (!box.children[k]) {
+        const group = document.createElementNS('http://www.w3.org/2000/svg', 'g');
+        group.innerHTML = '<path class="rim"/><path class="rim wide"/><line/>' +
+          '<circle r="12" tabindex="0" role="slider"/>';
+        box.append(group);
+      }
+      const [rim, wide, line, knob] = box.children[k].children, foot = this.foot(plane);
+      const [x1, y1] = at(foot), [x2, y2] = at(add(foot, plane.normal, kArrow));
+      for (const path of [rim, wide]) path.setAttribute('d', `M${this.rim(plane).map(at)}Z`);
+      for (const [name, value] of Object.entries({x1, y1, x2, y2})) line.setAttribute(name, value);
+      const height = dot(foot, plane.normal).toFixed(3);
+      for (const [name, value] of Object.entries({
+        cx: x2, cy: y2, 'aria-valuenow': height, 'aria-valuemin': -1, 'aria-valuemax': 1,
+        'aria-label': `Plane ${k + 1}: arrow keys move it, with Shift they tilt it, Home snaps it` +
+                      ' to an axis, Enter flips it, Delete removes it'}))
+        knob.setAttribute(name, value);
+      box.children[k].classList.toggle('chosen', k === this.chosen);
+    });
+  }
+
+  grab(event) {
+    const {target} = event, group = target.closest('g');
+    if (!group) return;
+    this.chosen = [...group.parentNode.children].indexOf(group);
+    event.preventDefault();
+    event.stopPropagation();
+    group.lastChild.focus({preventScroll: true});
+    target.setPointerCapture(event.pointerId);
+    const {left, top} = this.viewer.canvas.getBoundingClientRect();
+    const plane = this.planes[this.chosen], away = (point) => {
+      const {x, y} = this.viewer.project(point);
+      return Math.hypot(x - event.clientX + left, y - event.clientY + top);
+    };
+    const held = this.rim(plane).reduce((a, b) => away(b) < away(a) ? b : a);
+    const {distance} = this.viewer.project(this.foot(plane));
+    this.held = {x: event.clientX, y: event.clientY, tilts: target.classList.contains('rim'),
+                 turns: this.viewer.project(held).distance < distance ? 1 : -1};
+  }
+  drag(event) {
+    if (!this.held) return;
+    const dx = event.clientX - this.held.x, dy = event.clientY - this.held.y;
+    Object.assign(this.held, {x: event.clientX, y: event.clientY});
+    if (this.held.tilts) this.tilt(this.held.turns * dx / kTilt, this.held.turns * dy / kTilt);
+    else this.move(this.along(dx, dy));
+  }
+  drop({shiftKey}) {
+    const {normal} = this.planes[this.chosen] ?? {};
+    if (this.held?.tilts && !shiftKey && Math.abs(dot(normal, nearestAxis(normal))) > kNearAxis)
+      this.change(() => ({normal: nearestAxis(normal)}));
+    this.held = undefined;
+  }
+  // How far along its normal a drag moves a plane, in radii.
+  along(dx, dy) {
+    const {viewer} = this, plane = this.planes[this.chosen], foot = this.foot(plane);
+    const a = viewer.project(foot), b = viewer.project(add(foot, plane.normal, 0.01));
+    const [u, v] = [(b.x - a.x) / 0.01, (b.y - a.y) / 0.01], size = Math.hypot(u, v);
+    const least = viewer.canvas.clientHeight / 8;  // pixels a radius, if it points to the eye
+    return size > least ? (dx * u + dy * v) / size ** 2 : -dy / least / 4;
+  }
+  move(by) {
+    this.change((plane) => {
+      const foot = this.foot(plane), now = dot(foot, plane.normal);
+      const to = Math.min(1, Math.max(-1, now + by)), {center, radius} = this.sphere;
+      return {point: add(center, plane.normal, radius * to)};
+    });
+  }
+  // Turns the plane about its handle, by so many radians to the right and down in the picture.
+  tilt(x, y) {
+    const {forward, right, down} = this.viewer.camera.axes(1, 1);
+    this.change((plane) => {
+      const {center, radius} = this.sphere, out = forward.map((v) => -v);
+      const point = add(center, this.foot(plane), radius), {normal} = plane;
+      // As if a ball were turned whose front moves that way.
+      const axis = add(cross(out, right).map((v) => v * x), cross(out, down), y);
+      return {point, normal: unit(add(normal, cross(axis, normal)))};
+    });
+  }
+  press(event) {
+    const knob = event.target.closest('g');
+    const arrow = {ArrowUp: [0, 1], ArrowDown: [0, -1], ArrowRight: [1, 0], ArrowLeft: [-1, 0]};
+    const [x, y] = arrow[event.key] ?? [0, 0];
+    const act = {Home: 'snap', Enter: 'flip', Delete: 'remove', Backspace: 'remove'}[event.key];
+    if (!knob || event.ctrlKey || event.metaKey || event.altKey || !(x || y || act)) return;
+    this.chosen = [...knob.parentNode.children].indexOf(knob);
+    event.preventDefault();
+    event.stopPropagation();
+    if (act) this.byId(act).click();
+    else if (event.shiftKey) this.tilt(x * kKeyTilt, -y * kKeyTilt);
+    else this.move((x + y) * kKey);
+  }
+}
