@@ -118,7 +118,8 @@ export class Cut {
       ['uGradient', 'Matrix3fv', false, of.gradient], ['uUnits', '1f', radius / of.unit],
       ['uSurface', '1f', of.surface], ['uHasRows', '1i', of.rows], ['uLabels', '1i', of.labels],
       ['uMarchedCurve', '1i', kCurves.indexOf(of.curve)],
-      ['uMarchedGain', '1f', 2 ** of.exposure], ['uShade', '1i', of.shade], ['uLinear', '1i', of.linear],
+      ['uMarchedGain', '1f', 2 ** of.exposure],
+      ['uShade', '1i', of.shade], ['uLinear', '1i', of.linear],
       ['uEntries', '1i', of.entries], ['uToEntry', '2fv', [255 * of.scale, -of.low * of.scale]],
       ['uAmbient', '1f', of.ambient], ['uToLight', '3fv', of.toLight],
       ['uLightCount', '1i', of.lit ? lights.length : -1], ['uLights', '1i', Boolean(light)]);

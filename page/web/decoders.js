@@ -6,8 +6,8 @@ import {Cache} from './cache.js';
 const kAtOnce = 2;  // messages that a worker has: it answers one while the other waits there
 
 export class Decoders {
-  // `count` workers start at once; open() tells them about the field. If a worker does not start, what
-  // makeStandIn(), if there is one, returns takes its place.
+  // `count` workers start at once; open() tells them about the field. If a worker does not start,
+  // what makeStandIn(), if there is one, returns takes its place.
   constructor(makeWorker, makeStandIn,
               count = Math.max(2, Math.min(4, (navigator.hardwareConcurrency ?? 2) - 1))) {
     this.cache = new Cache();

@@ -115,7 +115,8 @@ export class Explain {
             ...(target.some((v) => v !== 0) && {target: this.outward(target).map(round)}),
             ...(this.viewer.field.structures.length > 0 &&
                 {structures: this.element.structures}),
-            ...(this.element.clip.length > 0 && {clip: this.element.clip.map((text) => text.split(',').map(Number))}),
+            ...(this.element.clip.length > 0 &&
+                {clip: this.element.clip.map((text) => text.split(',').map(Number))}),
             ...(this.element.cap && {cap: this.element.cap})};
   }
   async copy(text, name, what = '') {

@@ -60,7 +60,8 @@ export class Handles {
   toggle() {
     if (this.planes.length > 0) this.set([]);
     else this.add();
-    this.element.showCut().then(() => this.viewer.cut.why && this.element.hint(this.viewer.cut.why));
+    const {element, viewer} = this;
+    element.showCut().then(() => viewer.cut.why && element.hint(viewer.cut.why));
   }
   // Takes the greys of a slice from the sliders.
   window() {

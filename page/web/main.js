@@ -42,8 +42,10 @@ sheet?.replaceSync(kStyle);
 
 const fromBase64 = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
 // Resolves to a module, as an answer. From disk and in a sandbox only scripts can be loaded; those
-// of exports define slfModules.
+// of exports define slfModules, and in the package for npm a function loads one.
 async function packed(name) {
+  const held = globalThis.slfModules?.[name];
+  if (typeof held === 'function') await held();
   if (!globalThis.slfModules?.[name]) {
     const answer = await fetch(new URL(name, base)).catch(() => {});
     if (answer?.ok) return answer;

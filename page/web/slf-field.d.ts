@@ -35,6 +35,19 @@ export class SlfField extends HTMLElement {
    */
   get structures(): string[];
   set structures(shown: string[] | string);
+  /**
+   * The planes that cut the object, "X,Y,Z,NX,NY,NZ" each, as slf render --clip takes them: a point
+   * in world units, and a normal to what is removed. Also takes lists of six numbers, and one text
+   * with semicolons in between, as the attribute has it.
+   */
+  get clip(): string[];
+  set clip(planes: string[] | number[][] | string);
+  /**
+   * What their faces show, as slf render --cap takes it: "shaded", "slice:LO,HI", "hollow"; empty:
+   * shaded if the field has a reveal, else hollow.
+   */
+  get cap(): string;
+  set cap(shown: string);
   /** What is shown, as a picture of this media type; default: image/png. */
   picture(type?: string): Promise<Blob>;
   /** What a place of the element shows, in CSS pixels; null where nothing opaque is shown. */
