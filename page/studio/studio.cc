@@ -17,7 +17,9 @@
 #include "page/studio/task.h"
 #include "slf/build.h"
 #include "slf/transfer.h"
+#include "slf/volume_parts.h"
 #include "source/recipe/options.h"
+#include "source/transfer/transfer_color.h"
 #include "source/volume/voxels.h"
 
 namespace slf::page {
@@ -338,14 +340,20 @@ json Studio::State::state() {
       volume->axes * (glm::dvec3(volume->dims[0], volume->dims[1], volume->dims[2]) - 1.0);
   all["box"] = {volume->origin.x, volume->origin.y, volume->origin.z, size.x, size.y, size.z};
   if (volume->labels) {
+    const auto made = parse(shown);
+    const bool own = made && !made->label_table.empty();
+    const auto table = own ? read_label_table(made->label_table) : volume->label_styles;
     json labels = json::array();
     for (const std::int64_t id : label_ids(*volume)) {
-      const auto style = volume->label_styles.find(id);
-      if (id != 0)
-        labels.push_back({{"id", id},
-                          {"name", style == volume->label_styles.end() || style->second.name.empty()
-                                       ? std::to_string(id)
-                                       : style->second.name}});
+      if (id == 0) continue;
+      const auto found = table ? table->find(id) : LabelTable::const_iterator();
+      const LabelStyle style = table && found != table->end() ? found->second : LabelStyle();
+      const glm::dvec3 color =
+          style.color.value_or(transfer_color::of_label(static_cast<double>(id)));
+      labels.push_back({{"id", id},
+                        {"name", style.name.empty() ? std::to_string(id) : style.name},
+                        {"color", {color.r, color.g, color.b}},
+                        {"opacity", style.opacity}});
     }
     all["labels"] = std::move(labels);
     return all;

@@ -277,6 +277,52 @@ class StudioTest(unittest.TestCase):
             self.assertEqual(status, 422)
             self.assertIn("visible", json.loads(said)["error"])
 
+    def test_labels_have_colours_and_opacities(self):
+        self.make_atlas()
+        with open(path("names.txt"), "w") as file:
+            file.write("1 core 255 0 0 255\n2 shell 0 0 255 255\n")
+        with open(path("made.json"), "w") as file:
+            json.dump({"input": "atlas.nhdr", "labels": True, "label_table": "names.txt"}, file)
+        with Studio("made.json", "-o", "atlas.slf") as studio:
+            page = self.open(studio, 900, 700)
+            rows = page.run("[...document.querySelectorAll('.label')].map((row) =>"
+                            " [row.innerText.trim(), row.querySelector('[type=color]').value])")
+            self.assertEqual([(name.split()[0], color) for name, color in rows],
+                             [("core", "#ff0000"), ("shell", "#0000ff")])
+            before = page.run("studio.state.revision")
+            self.set(page, "[aria-label='Colour of core']", "#00ff00", "input")
+            self.set(page, "[aria-label='Opacity of shell']", "0.25", "input")
+            page.wait(f"studio.state.revision >= {before + 2}")
+            self.fine(page)
+            self.canvas(page, "shown.png")
+            size = page.run("['width', 'height'].map((side) =>"
+                            " document.getElementById('picture')[side]).join('x')")
+            page.run("document.querySelector('[aria-label=\"Only core\"]').click()")
+            self.assertEqual(page.run("studio.pictures.length && [...document.querySelectorAll("
+                                      "'.label [type=checkbox]')].map((box) => box.checked)"),
+                             [True, False])
+            page.run("document.querySelector('[aria-label=\"Only core\"]').click()")
+            self.fine(page)
+            page.run("document.getElementById('save').click()")
+            page.wait("document.getElementById('said').textContent.startsWith('Saved')")
+            page.close()
+        with open(path("atlas.recipe.json")) as file:
+            labels = json.load(file)["label_table"]["labels"]
+        self.assertEqual([(one["id"], one["color"], one["opacity"]) for one in labels],
+                         [(1, [0, 1, 0], 1), (2, [0, 0, 1], 0.25)])
+        slf("raycast", path("atlas.recipe.json"), "-o", path("cast.png"), "--size", size)
+        self.assertIn("inf", slf("compare", path("shown.png"), path("cast.png")))
+
+    def make_atlas(self):
+        middle = [(d - 1) / 2 for d in DIMS]
+        with open(path("atlas.raw"), "wb") as file:
+            file.write(bytes(
+                1 if distance < 5 else 2 if distance < 9 else 0
+                for distance in (math.dist((x, y, z), middle)
+                for z in range(DIMS[2]) for y in range(DIMS[1]) for x in range(DIMS[0]))))
+        with open(path("ball.nhdr")) as file, open(path("atlas.nhdr"), "w") as atlas:
+            atlas.write(file.read().replace("ball.raw", "atlas.raw"))
+
     def test_meshes_and_analytic_scenes(self):
         for source in ["scene:balls"]:
             with Studio(source, "-o", "balls.slf") as studio:

@@ -411,15 +411,33 @@ function showLabels() {
   byId('labels').hidden = byId('each').hidden = !state.labels;
   for (const id of ['presets', 'curve', 'ends', 'numbers', 'add', 'low', 'high'])
     byId(id).hidden = Boolean(state.labels) || !state.histogram;
-  const only = merged().only_labels;
-  byId('labels').replaceChildren(...(state.labels ?? []).map(({id, name}) => {
-    const box = make('input', {type: 'checkbox', checked: !only || only.includes(id)});
-    box.onchange = () => {
-      const boxes = [...byId('labels').querySelectorAll('input')];
-      const chosen = state.labels.filter((_, k) => boxes[k].checked).map((label) => label.id);
-      set('only_labels', chosen.length === state.labels.length ? undefined : chosen);
-    };
-    return make('label', {}, name, box);
+  const labels = merged().label_table?.labels ?? state.labels ?? [], only = merged().only_labels;
+  const boxes = labels.map(({id, name}) => make('input', {
+    type: 'checkbox', checked: !only || only.includes(id), ariaLabel: `Show ${name}`}));
+  const choose = () => {
+    const chosen = labels.filter((_, k) => boxes[k].checked).map(({id}) => id);
+    set('only_labels', chosen.length === labels.length ? undefined : chosen);
+  };
+  const hex = (color) => '#' + color.map(
+    (v) => Math.round(255 * v).toString(16).padStart(2, '0')).join('');
+  byId('labels').replaceChildren(...labels.map(({id, name, color, opacity}, k) => {
+    const edit = (members, moving) => set('label_table', {
+      labels: (merged().label_table?.labels ?? labels).map(
+        (label) => label.id === id ? {...label, ...members} : label)}, moving);
+    const paint = make('input', {type: 'color', value: hex(color), ariaLabel: `Colour of ${name}`});
+    paint.oninput = () => edit({color: [1, 3, 5].map(
+      (at) => Number((parseInt(paint.value.slice(at, at + 2), 16) / 255).toFixed(4)))}, true);
+    const fade = make('input', {type: 'range', min: 0, max: 1, step: 0.05, value: opacity,
+                                ariaLabel: `Opacity of ${name}`});
+    fade.oninput = () => edit({opacity: Number(fade.value)}, true);
+    boxes[k].onchange = choose;
+    const alone = make('button', {textContent: 'Only', ariaLabel: `Only ${name}`, onclick: () => {
+      const others = boxes.some((box, other) => box.checked !== (other === k));
+      boxes.forEach((box, other) => { box.checked = !others || other === k; });
+      choose();
+    }});
+    return make('div', {className: 'label'}, boxes[k], paint, make('span', {textContent: name}),
+                fade, alone);
   }));
 }
 function item(text, act, remove, pressed) {
