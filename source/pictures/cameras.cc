@@ -225,11 +225,13 @@ Result<PictureSet> read_pictures(const std::string& path) try {
   std::error_code ignored;
   auto set = SLF_TRY(fs::is_directory(path, ignored) ? read_folder(path) : read_cameras(path));
   std::ranges::stable_sort(set.pictures, {}, &Picture::name);
-  const auto again = std::ranges::unique(set.pictures, {}, &Picture::file);
-  if (!again.empty())
+  const auto again =
+      std::unique(set.pictures.begin(), set.pictures.end(),
+                  [](const Picture& a, const Picture& b) { return a.file == b.file; });
+  if (const auto count = set.pictures.end() - again; count > 0)
     set.notes.push_back(
-        concat(again.size(), " pictures are there twice: only the first camera of each is used"));
-  set.pictures.erase(again.begin(), again.end());
+        concat(count, " pictures are there twice: only the first camera of each is used"));
+  set.pictures.erase(again, set.pictures.end());
   SLF_TRY(cameras::check_sizes(set));
   return set;
 } catch (...) {

@@ -42,7 +42,7 @@ struct Samples {
       for (std::uint32_t v = first; v <= last; ++v)
         mean.weights.push_back(static_cast<float>((1 - std::abs(v - at) / reach) / sum));
       means.push_back(std::move(mean));
-      nearest.push_back(std::min(static_cast<std::uint32_t>(at + 0.5), voxels - 1));
+      nearest.push_back(std::min(static_cast<std::uint32_t>(std::lround(at)), voxels - 1));
     }
   }
   [[nodiscard]] std::uint32_t size() const { return static_cast<std::uint32_t>(means.size()); }
@@ -68,12 +68,12 @@ std::size_t voxel_near(const Volume& volume, const Grid& grid, std::uint32_t x, 
 
 /// The means of a volume's amounts, as bytes of the reveal.
 Result<void> resample(const VolumeScene& scene, const Grid& grid, unsigned threads, Reveal& to) {
-  const auto& [sx, sy, sz] = grid;
+  const Samples &sx = grid[0], &sy = grid[1], &sz = grid[2];
   const std::size_t width = scene.volume.dims[0], rows = scene.volume.dims[1];
   const double scale = 255 / (to.high - to.low);
   return with_grid_type(scene.grid.type, [&]<class T>(T) {
     const auto* voxels = reinterpret_cast<const T*>(scene.grid.voxels);
-    return parallel_for(sz.size(), threads, [&, &sx = sx, &sy = sy, &sz = sz](std::uint64_t z) {
+    return parallel_for(sz.size(), threads, [&](std::uint64_t z) {
       // Slices, then rows of their mean, then voxels of the mean of these.
       const std::size_t x0 = sx.means.front().first, y0 = sy.means.front().first;
       const std::size_t x1 = sx.means.back().first + sx.means.back().weights.size();
