@@ -32,7 +32,7 @@ void put(glm::dvec3& to, const json& value) {
 void put(ClipPlane& to, const json& value) {
   for (int k = 0; k < 3; ++k) {
     to.point[k] = value[static_cast<std::size_t>(k)].get<double>();
-    to.normal[k] = value[static_cast<std::size_t>(k + 3)].get<double>();
+    to.normal[k] = value[static_cast<std::size_t>(k) + 3].get<double>();
   }
 }
 void put(VoxelBox& to, const json& value) {

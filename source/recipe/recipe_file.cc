@@ -186,6 +186,7 @@ Result<std::vector<NamedScene>> make_scenes(const Recipe& recipe) try {
 
 std::vector<FieldState> field_states(const std::vector<NamedScene>& scenes) {
   std::vector<FieldState> states;
+  states.reserve(scenes.size());
   for (const NamedScene& one : scenes) states.push_back({one.name, one.scene.get(), one.recipe});
   return states;
 }

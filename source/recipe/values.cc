@@ -32,7 +32,7 @@ std::string range_of(const Type& type) {
 
 /// What a value of the type is, for messages.
 std::string expected(const Type& type) {
-  const auto each = [&](std::string what) {
+  const auto each = [&](const std::string& what) {
     const std::string range = range_of(type);
     return range.empty() ? what : what + ", each " + range;
   };
@@ -123,7 +123,7 @@ bool fits(const Type& type, const json& value) {
 
 /// A number of JSON; null: it is none.
 json number_of(std::string_view text) {
-  const json value = json::parse(text, nullptr, /*allow_exceptions=*/false);
+  json value = json::parse(text, nullptr, /*allow_exceptions=*/false);
   if (value.is_number()) return value;
   const auto plain = parse_number<double>(text);  // as .5 or +1, which JSON does not have
   return plain && std::isfinite(*plain) ? json(*plain) : json();
