@@ -59,6 +59,9 @@ class Codec {
     return {};
   }
 
+  /// Whether it keeps rays of Predicted::earlier, and the tile has no such blocks.
+  [[nodiscard]] virtual bool keeps_rays() const { return false; }
+
   /// Bytes that decoding any tile needs and that are stored once per field, such as shared JPEG
   /// tables. Empty for codecs without any.
   [[nodiscard]] virtual ByteSpan tables() const { return {}; }

@@ -6,6 +6,8 @@
 #include <cstdint>
 #include <span>
 
+#include "base/bytes.h"
+
 namespace slf::codec {
 
 /// What is predicted of each sample of a tile.
@@ -32,6 +34,7 @@ struct Predicted {
       used;  ///< for each candidate 1 if it is predicted from that, else 0
   Prediction prediction;
   int scale = kPlainScale;  ///< of quantisation steps, 1..255
+  ByteSpan earlier = {};    ///< the same tile of an earlier state, whose rays may be kept, or none
 };
 
 }  // namespace slf::codec

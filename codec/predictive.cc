@@ -10,6 +10,7 @@
 #include "codec/color_kernel.h"
 #include "codec/fill.h"
 #include "codec/jpeg_pictures.h"
+#include "codec/kept_rays.h"
 #include "codec/mosaic.h"
 #include "codec/reference_coder.h"
 #include "codec/scratch.h"
@@ -41,17 +42,18 @@ std::array<float, 9> inverse(const ColorMatrix& matrix) {
   return inverse;
 }
 
-/// For each block, 1 if it has a visible sample. Other blocks are not coded. `pixels` are 0 where
-/// nothing is visible.
+/// For each block, 1 if it has a visible sample that is `coded`. Other blocks are not coded.
+/// `pixels` are 0 where nothing is visible.
 void find_visible(const TilePicture& picture, std::span<const std::uint8_t> pixels,
-                  std::span<std::uint8_t> visible) {
+                  std::span<const std::uint8_t> coded, std::span<std::uint8_t> visible) {
   std::fill(visible.begin(), visible.end(), std::uint8_t{0});
   const std::size_t across = picture.width() / 8;
   for (std::size_t y = 0; y < picture.height(); ++y)
     for (std::size_t x = 0; x < across; ++x) {
-      std::uint64_t eight = 0;
+      std::uint64_t eight = 0, among = 0;
       std::memcpy(&eight, &pixels[8 * (y * across + x)], 8);
-      visible[y / 8 * across + x] |= eight != 0 ? 1 : 0;
+      std::memcpy(&among, &coded[8 * (y * across + x)], 8);
+      visible[y / 8 * across + x] |= (eight & among) != 0 ? 1 : 0;
     }
 }
 
@@ -98,7 +100,7 @@ TilePicture::TilePicture(const TileShape& tile) {
   covered_.resize(pixels());
   for_each_sample(tile, mosaic, [&](std::size_t sample, std::size_t pixel) {
     pixel_of_[sample] = static_cast<std::uint32_t>(pixel);
-    covered_[pixel] = 1;
+    covered_[pixel] = 255;
   });
 }
 
@@ -108,6 +110,7 @@ PredictiveEncoder::PredictiveEncoder(const PredictiveLevel& level, int scale,
       scale_(scale),
       picture_(picture),
       coder_(payload),
+      coded_(picture.covered()),
       states_(picture.pixels() / 64) {}
 
 void PredictiveEncoder::references(std::span<const std::uint8_t> kinds,
@@ -115,6 +118,11 @@ void PredictiveEncoder::references(std::span<const std::uint8_t> kinds,
   std::vector<std::uint8_t> coded(used.begin(), used.end());
   code_references(coder_, level_.level_models().used, kinds, coded);
   if (symbols_) symbols_->kinds.assign(kinds.begin(), kinds.end()), symbols_->used = coded;
+}
+
+void PredictiveEncoder::keep(KeptRays& rays) {
+  rays.code(coder_);
+  coded_ = rays.others(picture_);
 }
 
 /// Quantises `difference`, the wanted correction of each pixel's prediction. Pixels of weight 0 may
@@ -179,8 +187,8 @@ PredictiveEncoder::Alpha PredictiveEncoder::alpha_levels(
     made.decoded.push_back(kAlphaValues[level]);
   }
   find_expected(predicted, expected);
-  code_alpha(made.symbols, {picture_.width(), picture_.height(), picture_.covered(), predicted,
-                            expected, levels, off});
+  code_alpha(made.symbols,
+             {picture_.width(), picture_.height(), coded_, predicted, expected, levels, off});
   std::tie(made.set, made.bits) = best_set(made.symbols, level_.models->alpha);
   return made;
 }
@@ -190,7 +198,7 @@ PredictiveEncoder::Alpha PredictiveEncoder::soft_alpha(const Prediction& predict
   const auto pixel_of = picture_.pixel_of();
   std::vector<float> weight(picture_.pixels()), difference(picture_.pixels());
   for (std::size_t s = 0; s < rgba.size(); ++s) {
-    weight[pixel_of[s]] = 1;
+    weight[pixel_of[s]] = coded_[pixel_of[s]] != 0 ? 1.f : 0.f;
     difference[pixel_of[s]] =
         static_cast<float>(rgba[s] >> 24) - static_cast<float>(prediction.alpha[s]);
   }
@@ -215,6 +223,7 @@ void PredictiveEncoder::encode(const Prediction& prediction, std::span<const std
   const auto cost = [&](const Alpha& alpha) {
     double error = 0;
     for (std::size_t s = 0; s < rgba.size(); ++s) {
+      if (coded_[picture_.pixel_of()[s]] == 0) continue;
       const double off = static_cast<double>(alpha.decoded[s]) - static_cast<double>(rgba[s] >> 24);
       error += off * off;
     }
@@ -240,7 +249,7 @@ void PredictiveEncoder::encode(const Prediction& prediction, std::span<const std
 
   std::vector<std::uint8_t> pixels(picture_.pixels()), visible(states_.size());
   for (std::size_t s = 0; s < rgba.size(); ++s) pixels[picture_.pixel_of()[s]] = alpha.decoded[s];
-  find_visible(picture_, pixels, visible);
+  find_visible(picture_, pixels, coded_, visible);
   encode_depth(prediction, alpha.decoded, soft, visible, rgba, depth);
   encode_color(prediction, alpha.decoded, visible, rgba);
   coder_.finish();
@@ -254,7 +263,8 @@ void PredictiveEncoder::encode_depth(const Prediction& prediction,
   const auto pixel_of = picture_.pixel_of();
   std::vector<float> weight(picture_.pixels()), difference(picture_.pixels());
   for (std::size_t s = 0; s < alpha.size(); ++s) {
-    weight[pixel_of[s]] = alpha[s] > 0 && rgba[s] >> 24 > 0 ? 1.f : 0.f;
+    const bool counts = coded_[pixel_of[s]] != 0 && alpha[s] > 0 && rgba[s] >> 24 > 0;
+    weight[pixel_of[s]] = counts ? 1.f : 0.f;
     difference[pixel_of[s]] =
         static_cast<float>(depth[s]) - static_cast<float>(prediction.depth[s]);
   }
@@ -273,7 +283,7 @@ void PredictiveEncoder::encode_color(const Prediction& prediction,
   for (auto& plane : difference) plane.resize(picture_.pixels());
   const std::array<float, 9> planes = inverse(level_.matrix);
   for (std::size_t s = 0; s < alpha.size(); ++s) {
-    if (alpha[s] == 0) continue;
+    if (alpha[s] == 0 || coded_[pixel_of[s]] == 0) continue;
     std::array<std::int32_t, 3> rgb;
     for (std::uint32_t c = 0; c < 3; ++c)
       rgb[c] = static_cast<std::int32_t>(rgba[s] >> 8 * c & 255) -
@@ -327,11 +337,16 @@ struct PredictiveDecoder::Work {
 
 PredictiveDecoder::PredictiveDecoder(const PredictiveLevel& level, int scale,
                                      const TilePicture& picture, ByteSpan payload)
-    : level_(level), scale_(scale), picture_(picture), coder_(payload) {}
+    : level_(level), scale_(scale), picture_(picture), coder_(payload), coded_(picture.covered()) {}
 
 void PredictiveDecoder::references(std::span<const std::uint8_t> kinds,
                                    std::span<std::uint8_t> used) {
   code_references(coder_, level_.level_models().used, kinds, used);
+}
+
+void PredictiveDecoder::keep(KeptRays& rays) {
+  rays.code(coder_);
+  coded_ = rays.others(picture_);
 }
 
 /// Sets work.difference, unless it is 0 everywhere.
@@ -369,8 +384,8 @@ void PredictiveDecoder::decode_levels(std::size_t set, const Prediction& predict
   find_expected(work.predicted, work.expected);
   std::copy(work.expected.begin(), work.expected.end(), work.levels.begin());
   SymbolDecoder decoder(coder_, level_.models->alpha[set]->models().data());
-  code_alpha(decoder, {picture_.width(), picture_.height(), picture_.covered(), work.predicted,
-                       work.expected, work.levels, work.off});
+  code_alpha(decoder, {picture_.width(), picture_.height(), coded_, work.predicted, work.expected,
+                       work.levels, work.off});
   for (std::size_t s = 0; s < work.alpha.size(); ++s)
     work.alpha[s] = kAlphaValues[work.levels[pixel_of[s]]];
 }
@@ -395,7 +410,7 @@ Result<void> PredictiveDecoder::decode(const Prediction& prediction, std::span<s
     decode_levels(set, prediction, work);
   else
     decode_soft_alpha(prediction, work);
-  find_visible(picture_, work.levels, work.visible);
+  find_visible(picture_, work.levels, coded_, work.visible);
 
   const bool deeper = decode_plane(kDepthPlane, work.visible, work);
   for (std::size_t s = 0; s < depth.size(); ++s) {

@@ -25,6 +25,8 @@
 
 namespace slf::codec {
 
+class KeptRays;
+
 /// The arrangement of a tile's samples in one picture, which is divided into 8 × 8 blocks. It
 /// depends on the tile's rows and side only.
 class TilePicture {
@@ -37,7 +39,7 @@ class TilePicture {
   [[nodiscard]] std::size_t samples() const { return pixel_of_.size(); }
   /// For each sample, the index of its pixel.
   [[nodiscard]] std::span<const std::uint32_t> pixel_of() const { return pixel_of_; }
-  /// For each pixel, 1 if it holds a sample, else 0.
+  /// For each pixel, 255 if it holds a sample, else 0.
   [[nodiscard]] std::span<const std::uint8_t> covered() const { return covered_; }
 
  private:
@@ -75,6 +77,8 @@ class PredictiveEncoder {
   /// Codes which candidates are used. `kinds`, in [0, kReferenceKinds), selects a model: candidates
   /// of one kind are used about equally often.
   void references(std::span<const std::uint8_t> kinds, std::span<const std::uint8_t> used);
+  /// Codes which samples are kept from another state; encode() does not code these.
+  void keep(KeptRays& rays);
   /// Codes all samples; `rgba` is premultiplied.
   void encode(const Prediction& prediction, std::span<const std::uint8_t> depth,
               std::span<const std::uint32_t> rgba);
@@ -105,7 +109,8 @@ class PredictiveEncoder {
   const int scale_;
   const TilePicture& picture_;
   RansEncoder coder_;
-  std::vector<BlockState> states_;  // of the plane that was coded last; at first all 0
+  std::span<const std::uint8_t> coded_;  // for each pixel, 255 if it holds a sample that is coded
+  std::vector<BlockState> states_;       // of the plane that was coded last; at first all 0
   TileSymbols* symbols_ = nullptr;
 };
 
@@ -117,6 +122,7 @@ class PredictiveDecoder {
                     ByteSpan payload);
 
   void references(std::span<const std::uint8_t> kinds, std::span<std::uint8_t> used);
+  void keep(KeptRays& rays);
   /// Decodes all samples, colours premultiplied. bad_file: the payload is damaged, as far as that
   /// can be seen; samples are then any.
   [[nodiscard]] Result<void> decode(const Prediction& prediction, std::span<std::uint8_t> depth,
@@ -134,6 +140,7 @@ class PredictiveDecoder {
   const int scale_;
   const TilePicture& picture_;
   RansDecoder coder_;
+  std::span<const std::uint8_t> coded_;  // for each pixel, 255 if it holds a sample that is coded
 };
 
 }  // namespace slf::codec

@@ -6,6 +6,7 @@
 
 #include "base/per_thread.h"
 #include "base/try.h"
+#include "codec/kept_rays.h"
 #include "codec/predictive_channels.h"
 #include "codec/reference_coder.h"
 #include "codec/scratch.h"
@@ -98,12 +99,22 @@ void PredictiveCodec::encode_blocks(const TileShape& tile, ByteSpan samples, con
   const std::size_t count = tile.samples();
   std::vector<std::uint32_t> rgba(count);
   for (std::size_t s = 0; s < count; ++s) rgba[s] = load_le<std::uint32_t>(samples.data() + 4 * s);
-  const std::span depth(reinterpret_cast<const std::uint8_t*>(&samples[4 * count]), count);
+  std::vector<std::uint8_t> depth(count);
+  std::memcpy(depth.data(), &samples[4 * count], count);
   TileSymbols symbols;
   PredictiveEncoder encoder(tables_.level(from.level), scale(from), picture(tile), payload);
   if (observer_) encoder.collect(&symbols);
   encoder.references(from.kinds, from.used);
-  encoder.encode(from.prediction, depth, rgba);
+  if (from.earlier.empty()) {
+    encoder.encode(from.prediction, depth, rgba);
+  } else {
+    KeptRays rays;
+    rays.begin(tile, from);
+    rays.choose(tables_.level(from.level), scale(from), picture(tile), depth, rgba);
+    rays.restore(depth, rgba);
+    encoder.keep(rays);
+    encoder.encode(rays.prediction(), depth, rgba);
+  }
   if (observer_) observer_(symbols);
 }
 
@@ -116,8 +127,16 @@ Result<void> PredictiveCodec::decode_blocks(const TileShape& tile, ByteSpan payl
       per_thread<Scratch<std::uint32_t>>([] {});  // `samples` may have any alignment
   const auto rgba = rgba_scratch.take(tile.samples());
   const auto depths = samples.subspan(tile.color_bytes());
-  SLF_TRY(decoder.decode(from.prediction,
-                         {reinterpret_cast<std::uint8_t*>(depths.data()), depths.size()}, rgba));
+  const std::span depth(reinterpret_cast<std::uint8_t*>(depths.data()), depths.size());
+  if (from.earlier.empty()) {
+    SLF_TRY(decoder.decode(from.prediction, depth, rgba));
+  } else {
+    auto& rays = per_thread<KeptRays>([] {});
+    rays.begin(tile, from);
+    decoder.keep(rays);
+    SLF_TRY(decoder.decode(rays.prediction(), depth, rgba));
+    rays.restore(depth, rgba);
+  }
   if constexpr (std::endian::native == std::endian::little)
     std::memcpy(samples.data(), rgba.data(), tile.color_bytes());
   else

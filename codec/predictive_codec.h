@@ -26,6 +26,7 @@ class PredictiveCodec final : public Codec {
   [[nodiscard]] bool predicts() const override { return true; }
   [[nodiscard]] bool four_taps() const override { return !tables_.plain; }
   [[nodiscard]] std::vector<std::uint32_t> blocks(const TileShape& tile) const override;
+  [[nodiscard]] bool keeps_rays() const override { return !settings_.by_sample(); }
   [[nodiscard]] ByteSpan tables() const override { return bytes_; }
   [[nodiscard]] std::vector<std::uint8_t> references(unsigned level,
                                                      std::span<const std::uint8_t> kinds,

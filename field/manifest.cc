@@ -23,6 +23,8 @@ constexpr unsigned kMaxPredictedLevels = 6;
 constexpr const char* kPredictive = "predictive";
 /// Another: several states, some of whose tiles are the same.
 constexpr const char* kStates = "states";
+/// A third: tiles that keep rays of the same tile of an earlier state.
+constexpr const char* kKeptRays = "kept rays";
 
 /// Reads members of untrusted JSON. Records the first error and its place.
 class Reader {
@@ -83,7 +85,7 @@ Result<void> check_version(Reader& in, const std::string& file) {
   const auto* required = in.find("/required");
   const auto known_feature = [](const nlohmann::json& feature) {
     const auto* name = feature.get_ptr<const std::string*>();
-    return name && (*name == kPredictive || *name == kStates);
+    return name && (*name == kPredictive || *name == kStates || *name == kKeptRays);
   };
   if (required && !required->is_array())
     in.problem("/required", "is not an array");
@@ -190,6 +192,7 @@ OwnedJson Manifest::to_json() const {
   all["required"] = json::array();
   if (codec::is_predictive(codec)) all["required"].push_back(kPredictive);
   if (!states.empty()) all["required"].push_back(kStates);
+  if (!states.empty() && codec::is_predictive(codec)) all["required"].push_back(kKeptRays);
   for (const State& state : states) {
     json& one = all["states"].emplace_back();
     one["name"] = state.name;

@@ -6,7 +6,7 @@
 #include "base/per_thread.h"
 #include "base/try.h"
 #include "base/varint.h"
-#include "codec/color_kernel.h"
+#include "codec/kept_rays.h"
 #include "codec/log_colors.h"
 #include "codec/prediction.h"
 #include "field/predict/predictor.h"
@@ -17,29 +17,6 @@ namespace {
 /// The fewest look-ups for which a tile becomes a reference. For fewer, reading it costs more than
 /// it saves.
 constexpr std::uint32_t kMinUses = 6;
-
-/// A colour that is not multiplied by alpha, and 255 instead of alpha.
-std::uint32_t straight(std::uint32_t rgba) {
-  const std::uint32_t alpha = rgba >> 24;
-  std::uint32_t color = alpha == 0 ? codec::kUnpredictedColor : 0xFF000000u;
-  for (const int shift : {0, 8, 16})
-    if (alpha > 0)
-      color |= std::min(255u, ((rgba >> shift & 255) * 255 + alpha / 2) / alpha) << shift;
-  return color;
-}
-
-/// How much a sample, as 8-bit numbers, differs from what is predicted of it.
-std::uint32_t difference(std::uint32_t rgba, std::uint8_t depth, std::uint8_t predicted_alpha,
-                         std::uint8_t predicted_depth, std::uint32_t color) {
-  const std::uint32_t alpha = rgba >> 24;
-  const auto apart = [](std::uint32_t a, std::uint32_t b) { return a > b ? a - b : b - a; };
-  std::uint32_t sum = 2 * apart(alpha, predicted_alpha);
-  if (alpha == 0) return sum;
-  sum += apart(depth, predicted_depth);
-  for (const int shift : {0, 8, 16})
-    sum += apart(rgba >> shift & 255, codec::premultiplied(color >> shift & 255, alpha));
-  return sum;
-}
 
 tl::unexpected<Error> damaged(const char* what) { return fail(ErrorCode::bad_file, what); }
 
@@ -55,15 +32,16 @@ ByteSpan as_bytes(ByteSpan samples, bool half, Bytes& converted) {
 /// payloads").
 struct TileCoder::Head {
   std::uint64_t back = 0;             ///< to the earlier state, whose tile is used; 0: none
+  bool keeps_rays = false;            ///< whether rays of that are kept; else it predicts blocks
   std::vector<std::uint8_t> earlier;  ///< for each block, 1 if it is predicted from that
 
   [[nodiscard]] TileKey tile(TileKey key) const { return in_state(key, key.state - back); }
   /// The bytes before the codec's payload.
   [[nodiscard]] Bytes encode() const {
     Bytes bytes;
-    append_varint(bytes, back);
+    append_varint(bytes, back + (keeps_rays ? kMaxStates : 0));
     std::uint8_t value = 1;
-    for (std::size_t at = 0; back > 0 && at < earlier.size(); value ^= 1) {
+    for (std::size_t at = 0; at < earlier.size(); value ^= 1) {
       const std::size_t begin = at;
       while (at < earlier.size() && earlier[at] == value) ++at;
       append_varint(bytes, at - begin);
@@ -83,10 +61,10 @@ struct TileCoder::Relation {
         four_taps(coder.codec_.four_taps()) {}
 
   /// Predicts the tile, lets `adjust` change that, and calls `code` with the result. Colours of
-  /// half floats are converted.
+  /// half floats are converted. `earlier` is that of codec::Predicted.
   template <class Adjust, class Code>
   Result<void> predict(std::span<const ReferenceSamples> from, bool half, const Adjust& adjust,
-                       const Code& code) const {
+                       const Code& code, ByteSpan earlier = {}) const {
     std::vector<ReferenceTile> tiles(candidates.size());
     std::vector<std::uint8_t> used(candidates.size());
     std::vector<Bytes> converted(from.size());
@@ -101,8 +79,8 @@ struct TileCoder::Relation {
     auto& predicted = per_thread<PredictedSamples>([] {});
     TilePredictor(coarser, finer, sections, rows).predict(tiles, four_taps, predicted);
     adjust(predicted);
-    const codec::Predicted told{finer.level(), candidates.kinds(), used, predicted.view(),
-                                step_scale(sections)};
+    const codec::Predicted told{finer.level(),    candidates.kinds(),   used,
+                                predicted.view(), step_scale(sections), earlier};
     return code(&told);
   }
 
@@ -125,9 +103,10 @@ Result<TileCoder::Head> TileCoder::take_head(TileKey key, ByteSpan& payload) con
   Head head;
   if (!several_states_) return head;
   const auto back = take_varint(payload);
-  if (!back || *back >= kMaxStates) return damaged("the payload names no state");
-  head.back = *back;
-  if (head.back == 0) return head;
+  if (!back || *back >= (codec_.keeps_rays() ? 2 : 1) * kMaxStates || *back == kMaxStates)
+    return damaged("the payload names no state");
+  head.back = *back % kMaxStates, head.keeps_rays = *back > kMaxStates;
+  if (head.back == 0 || head.keeps_rays) return head;
   const std::size_t count = blocks(key).second;
   for (std::uint8_t value = 1; head.earlier.size() < count; value ^= 1) {
     const auto run = take_varint(payload);
@@ -176,20 +155,21 @@ Result<void> TileCoder::predict(TileKey key, const Head& head,
   const auto of = blocks(key).first;
   const auto adjust = [&](PredictedSamples& predicted) {
     for (std::size_t s = 0; s < of.size(); ++s) {
-      if (!head.earlier[of[s]]) continue;
+      if (head.keeps_rays || !head.earlier[of[s]]) continue;
       const auto rgba = load_le<std::uint32_t>(&earlier[4 * s]);
       predicted.alpha[s] = static_cast<std::uint8_t>(rgba >> 24);
       predicted.depth[s] = std::to_integer<std::uint8_t>(earlier[4 * of.size() + s]);
-      predicted.color[s] = straight(rgba);
+      predicted.color[s] = codec::straight(rgba);
     }
   };
-  if (predicts(key)) return Relation(*this, key).predict(from, half, adjust, code);
+  const ByteSpan kept = head.keeps_rays ? earlier : ByteSpan();
+  if (predicts(key)) return Relation(*this, key).predict(from, half, adjust, code, kept);
   auto& predicted = per_thread<PredictedSamples>([] {});
   predicted.alpha.assign(of.size(), codec::kUnpredictedAlpha);
   predicted.depth.assign(of.size(), codec::kUnpredictedDepth);
   predicted.color.assign(of.size(), codec::kUnpredictedColor);
   adjust(predicted);
-  const codec::Predicted told{0, {}, {}, predicted.view()};
+  const codec::Predicted told{0, {}, {}, predicted.view(), codec::kPlainScale, kept};
   return code(&told);
 }
 
@@ -238,12 +218,13 @@ std::vector<std::uint8_t> TileCoder::choose_blocks(TileKey key, ByteSpan samples
       return std::to_integer<std::uint8_t>(in[4 * of.size() + s]);
     };
     const auto alpha = static_cast<std::uint8_t>(there >> 24);
-    gain[of[s]] += predicted
-                       ? difference(rgba, depth(own), predicted->prediction.alpha[s],
-                                    predicted->prediction.depth[s], predicted->prediction.color[s])
-                       : difference(rgba, depth(own), codec::kUnpredictedAlpha,
-                                    codec::kUnpredictedDepth, codec::kUnpredictedColor);
-    gain[of[s]] -= difference(rgba, depth(own), alpha, depth(other), straight(there));
+    gain[of[s]] +=
+        predicted
+            ? codec::difference(rgba, depth(own), predicted->prediction.alpha[s],
+                                predicted->prediction.depth[s], predicted->prediction.color[s])
+            : codec::difference(rgba, depth(own), codec::kUnpredictedAlpha,
+                                codec::kUnpredictedDepth, codec::kUnpredictedColor);
+    gain[of[s]] -= codec::difference(rgba, depth(own), alpha, depth(other), codec::straight(there));
   }
   std::vector<std::uint8_t> better(gain.size());
   for (std::size_t b = 0; b < gain.size(); ++b)  // blocks that show nothing lengthen a run
@@ -261,6 +242,9 @@ Result<void> TileCoder::encode(TileKey key, ByteSpan samples,
   });
   if (earlier != used.end()) {
     head.back = key.state - earlier->tile.state;
+    head.keeps_rays = codec_.keeps_rays();
+  }
+  if (head.back > 0 && !head.keeps_rays) {
     SLF_TRY(predict(key, {}, used, [&](const codec::Predicted* predicted) -> Result<void> {
       head.earlier = choose_blocks(key, samples, earlier->samples, predicted);
       return {};

@@ -9,7 +9,7 @@ set(SLF_PORTABLE_SOURCES
   codec/jpeg_codec.cc codec/jpeg_alpha.cc codec/jpeg_encode.cc codec/jpeg_pictures.cc
   codec/jpeg_tables.cc codec/fill.cc codec/mosaic.cc codec/color_kernel.cc
   codec/portable/jpeg_decode.cc
-  codec/predictive.cc codec/predictive_channels.cc codec/predictive_codec.cc
+  codec/kept_rays.cc codec/predictive.cc codec/predictive_channels.cc codec/predictive_codec.cc
   codec/predictive_tables.cc codec/log_colors.cc codec/rans.cc codec/dct.cc
   field/predict/prediction_kernel.cc field/predict/predictor.cc field/predict/references.cc
   field/predict/upsample_kernel.cc
