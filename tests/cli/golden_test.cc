@@ -2,7 +2,8 @@
 // existing fields can no longer be read, or are read as something else. Bad ones too: what is
 // refused today must be refused tomorrow, with the same exit code.
 //
-// "predictive" has tables of version 2, which no release writes any more.
+// "predictive" has tables of version 2, which no release writes any more. "states" and "kept_rays"
+// are of a small volume, built by releases up to 0.3 and by later ones.
 //
 // To write others anew, only with a new format version:
 //   SLF_WRITE_GOLDEN=1 cli_tests --gtest_filter='GoldenFields*'
@@ -37,7 +38,9 @@ std::string golden(const std::string& name) {
 nlohmann::json info_of(const std::string& path) { return slf({"info", path, "--json"}).json(); }
 
 std::vector<std::string> view_of(const std::string& path, const std::string& picture) {
-  return {"render", path, "-o", picture, "--size", "64", "--orbit", "315,35,3", "-f"};
+  const bool states = path.ends_with("states.slf") || path.ends_with("kept_rays.slf");
+  return {"render",  path,       "-o", picture,   "--size",          "64",
+          "--orbit", "315,35,3", "-f", "--state", states ? "2" : "0"};
 }
 
 struct Good {
@@ -47,7 +50,7 @@ struct Good {
 constexpr Good kGood[] = {{"example", 50},    {"jpeg", 40},     {"zstd", 50},
                           {"half", 50},       {"deep", 50},     {"subfields", 50},
                           {"predictive", 50}, {"lossless", 50}, {"predicted_half", 50},
-                          {"fitted", 50}};
+                          {"fitted", 50},     {"states", 50},   {"kept_rays", 50}};
 
 struct Bad {
   const char* name;
@@ -110,6 +113,7 @@ void begin_fitted(const FieldFile& like, const std::string& path) {
 /// Builds a field and repacks it, so that it is as small as can be. A few subfields, entered from
 /// one side, do where that is what is tested.
 void write_good(const std::string& name) {
+  if (name == "states" || name == "kept_rays") return;
   const Workplace place;
   const auto scene = make_analytic_scene("balls");
   auto field = testing::build_and_open(**scene, place / "built.slf", options_for(name));

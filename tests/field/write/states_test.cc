@@ -3,6 +3,7 @@
 
 #include <nlohmann/json.hpp>
 
+#include "base/varint.h"
 #include "field/field_file.h"
 #include "slf/build.h"
 #include "slf/inspect.h"
@@ -173,6 +174,42 @@ TEST_P(States, TilesArePredictedFromThoseOfOtherStates) {
   EXPECT_EQ(predicted[0], 0u);
   EXPECT_GT(predicted[1], stored[1] / 4);
   EXPECT_GT(predicted[4], stored[4] / 4);
+}
+
+/// With another number in the place of the one that names the state.
+Bytes with_head(ByteSpan payload, std::uint64_t head) {
+  Bytes changed;
+  append_varint(changed, head);
+  (void)take_varint(payload);
+  changed.insert(changed.end(), payload.begin(), payload.end());
+  return changed;
+}
+
+TEST_P(States, HeadsThatNameNoStateAreRefused) {
+  const auto field = FieldFile::open(build_all());
+  ASSERT_TRUE(field);
+  if (!(*field)->predicts()) return;
+  const bool by_sample = options().codec.ends_with("lossless");
+  std::size_t keep_rays = 0;
+  const auto check = [&](const storage::TileRef& tile) -> Result<void> {
+    if (tile.state != TileState::stored) return {};
+    ByteSpan rest = tile.payload;
+    const auto head = take_varint(rest);
+    if (head && *head > kMaxStates) ++keep_rays;
+    const TileCoder& coder = (*field)->coder();
+    Bytes samples(coder.tile_shape(tile.key).bytes());
+    for (const std::uint64_t bad : {kMaxStates + 0ull, 2 * kMaxStates + 1ull})
+      EXPECT_FALSE(coder.decode(tile.key, with_head(tile.payload, bad), {}, samples)) << bad;
+    const Bytes other = with_head(tile.payload, kMaxStates + 1ull);
+    const auto named = coder.references(tile.key, other);
+    const bool earlier = std::any_of(named.begin(), named.end(),
+                                     [&](TileKey one) { return one.level == tile.key.level; });
+    EXPECT_EQ(earlier, !by_sample);
+    EXPECT_FALSE(coder.decode(tile.key, other, {}, samples));  // without that tile
+    return {};
+  };
+  ASSERT_TRUE((*field)->store().visit({0, 0}, {255, 0}, check));
+  EXPECT_EQ(keep_rays > 0, !by_sample);
 }
 
 TEST_P(States, DamageSpreadsToWhatIsPredictedFromIt) {
