@@ -32,7 +32,7 @@ Result<std::shared_ptr<const FieldFile>> FieldFile::open(storage::TileStore stor
   file->coder_.emplace(
       manifest.shape, manifest.format, *file->codec_,
       [of = file.get()](unsigned level) -> const LevelGeometry& { return of->geometry(level); },
-      !manifest.states.empty());
+      !manifest.states.empty(), manifest.keeps_rays);
   if (file->predicts()) file->read_reference_index();
   return file;
 }

@@ -162,6 +162,7 @@ OwnedJson difference(const nlohmann::json& from, const nlohmann::json& to) {
 Result<void> Manifest::set_states(std::span<const std::pair<std::string, OwnedJson>> provenances) {
   provenance = provenances[0].second;
   states.clear();
+  keeps_rays = provenances.size() > 1;
   shape.states = static_cast<unsigned>(provenances.size());
   if (shape.states == 1) return {};
   std::set<std::string> names;
@@ -192,7 +193,7 @@ OwnedJson Manifest::to_json() const {
   all["required"] = json::array();
   if (codec::is_predictive(codec)) all["required"].push_back(kPredictive);
   if (!states.empty()) all["required"].push_back(kStates);
-  if (!states.empty() && codec::is_predictive(codec)) all["required"].push_back(kKeptRays);
+  if (keeps_rays && codec::is_predictive(codec)) all["required"].push_back(kKeptRays);
   for (const State& state : states) {
     json& one = all["states"].emplace_back();
     one["name"] = state.name;
@@ -276,6 +277,9 @@ Result<Manifest> Manifest::parse(std::string_view text, const std::string& file)
   }
   if (json.contains("states")) manifest.states = read_states(in, json["states"]);
   manifest.shape.states = std::max<unsigned>(1, static_cast<unsigned>(manifest.states.size()));
+  const auto* required = in.find("/required");
+  manifest.keeps_rays =
+      required && std::find(required->begin(), required->end(), kKeptRays) != required->end();
   manifest.format = read_format(in);
   manifest.codec = in.text("/codec");
   if (json.contains("provenance") && !json["provenance"].is_object())

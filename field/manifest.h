@@ -32,6 +32,8 @@ struct Manifest {
     OwnedJson provenance;  ///< what differs from that of the first: a merge patch (RFC 7386)
   };
   std::vector<State> states;
+  /// Whether predicted tiles may keep rays of earlier states. Releases up to 0.3 kept none.
+  bool keeps_rays = false;
   /// The tiles of this file, if it is a part of a field: of each state those with the keys that
   /// these have in the first.
   std::optional<TileRange> part;

@@ -103,7 +103,7 @@ Result<TileCoder::Head> TileCoder::take_head(TileKey key, ByteSpan& payload) con
   Head head;
   if (!several_states_) return head;
   const auto back = take_varint(payload);
-  if (!back || *back >= (codec_.keeps_rays() ? 2 : 1) * kMaxStates || *back == kMaxStates)
+  if (!back || *back >= (keeps_rays_ ? 2 : 1) * kMaxStates || *back == kMaxStates)
     return damaged("the payload names no state");
   head.back = *back % kMaxStates, head.keeps_rays = *back > kMaxStates;
   if (head.back == 0 || head.keeps_rays) return head;
@@ -242,7 +242,7 @@ Result<void> TileCoder::encode(TileKey key, ByteSpan samples,
   });
   if (earlier != used.end()) {
     head.back = key.state - earlier->tile.state;
-    head.keeps_rays = codec_.keeps_rays();
+    head.keeps_rays = keeps_rays_;
   }
   if (head.back > 0 && !head.keeps_rays) {
     SLF_TRY(predict(key, {}, used, [&](const codec::Predicted* predicted) -> Result<void> {

@@ -33,14 +33,16 @@ class TileCoder {
  public:
   using Geometries = std::function<const LevelGeometry&(unsigned level)>;
 
-  /// The codec must outlive this. `geometries` may be called from many threads.
+  /// The codec must outlive this. `geometries` may be called from many threads. `keeps_rays`:
+  /// whether tiles may keep rays of earlier states, if the codec can.
   TileCoder(const FieldShape& shape, SampleFormat format, const codec::Codec& codec,
-            Geometries geometries, bool several_states = false)
+            Geometries geometries, bool several_states = false, bool keeps_rays = false)
       : shape_(shape),
         format_(format),
         codec_(codec),
         geometries_(std::move(geometries)),
-        several_states_(several_states && codec.predicts()) {}
+        several_states_(several_states && codec.predicts()),
+        keeps_rays_(keeps_rays && codec.keeps_rays()) {}
 
   [[nodiscard]] TileShape tile_shape(TileKey key) const {
     return geometries_(key.level).tile(sections_of(key, shape_.entry_extra_levels).entry.index,
@@ -93,6 +95,7 @@ class TileCoder {
   const codec::Codec& codec_;
   Geometries geometries_;
   const bool several_states_;
+  const bool keeps_rays_;
 };
 
 }  // namespace slf

@@ -72,7 +72,7 @@ Result<TileSelection> missing_tiles(const FieldFile& field, const TileSelection&
 }
 
 /// Finds an earlier build: the output itself if it exists and is to be kept, else its draft. Sets
-/// manifest.filtered_levels to that of the build found.
+/// manifest.filtered_levels and keeps_rays to those of the build found.
 Result<std::optional<EarlierBuild>> find_earlier_build(const FieldOutput& output,
                                                        const TileSelection& selection,
                                                        Manifest& manifest) {
@@ -91,6 +91,7 @@ Result<std::optional<EarlierBuild>> find_earlier_build(const FieldOutput& output
                      in_place ? "choose another output, or replace it"
                               : "complete it with its own settings, or move or remove it"));
   manifest.filtered_levels = existing.filtered_levels;
+  manifest.keeps_rays = existing.keeps_rays;
   auto missing = SLF_TRY(missing_tiles(**field, selection));
   auto codec = SLF_TRY(codec_of(**field));
   auto kept = SLF_TRY(kept_of(**field));
@@ -201,7 +202,8 @@ Result<BuildReport> build(std::span<const FieldState> states, const std::string&
   for (const auto& [blob, bytes] : kept)
     if (earlier && !bytes.empty()) SLF_TRY(writer.keep(blob, bytes));
 
-  const TileCoder coder(manifest.shape, manifest.format, *codec, geometries, states.size() > 1);
+  const TileCoder coder(manifest.shape, manifest.format, *codec, geometries, states.size() > 1,
+                        manifest.keeps_rays);
   WritePlan plan{manifest, budget, &coder, tiles, {}, options.commit_seconds};
   if (coarser) plan.coarser.emplace(Field::of(coarser), TileReaderOptions{budget.cache});
   const auto written = write_tiles(tracer, plan, missing, writer, reporter);

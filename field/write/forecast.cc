@@ -42,7 +42,8 @@ Result<BuildForecast> forecast_build(std::span<const FieldState> states,
       SLF_TRY(train_codec(tracer, geometries, manifest, threads, [&] { return reporter.go_on(); }));
   const std::chrono::duration<double> prepared = std::chrono::steady_clock::now() - begin;
 
-  const TileCoder coder(shape, manifest.format, *codec, geometries, states.size() > 1);
+  const TileCoder coder(shape, manifest.format, *codec, geometries, states.size() > 1,
+                        manifest.keeps_rays);
   SizeEstimate total;
   for (unsigned level = 0; level <= shape.levels; ++level) {
     const auto sampled = SLF_TRY(sample_tiles(tracer, coder, order, order.level(level),

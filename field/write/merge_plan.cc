@@ -180,6 +180,7 @@ Result<MergePlan> plan_merge(const std::vector<std::string>& paths, bool part) {
   plan.manifest = first.manifest;
   plan.manifest.shape = shape;
   plan.manifest.part.reset();
+  for (const Source& source : sources) plan.manifest.keeps_rays |= source.manifest.keeps_rays;
   plan.tables = std::move(first.tables);
   for (const MergeSegment& segment : segments)
     for (const auto& [name, bytes] : sources[segment.source].kept)

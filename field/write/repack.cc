@@ -60,7 +60,7 @@ Result<RepackReport> repack(std::span<const StateSource> states, const std::stri
   auto writer = SLF_TRY(FieldWriter::create(output, FieldWriter::Draft::discard, manifest,
                                             codec->tables(), plan.kept));
   const TileCoder coder(manifest.shape, manifest.format, *codec, plan.geometries(),
-                        states.size() > 1);
+                        states.size() > 1, manifest.keeps_rays);
   const auto written =
       SLF_TRY(write_tiles(*plan.source, {manifest, budget, plan.copy ? nullptr : &coder, tiles},
                           tiles, writer, reporter));

@@ -109,6 +109,7 @@ Result<RepackPlan> plan_repack(std::span<const StateSource> states, const Repack
   SLF_TRY(manifest.set_states(provenances));
   plan.copy = manifest.format == first.format() && manifest.codec == first.codec().spec() &&
               can_copy(states, manifest.shape);
+  if (plan.copy) manifest.keeps_rays &= first.manifest().keeps_rays;
   const bool alone = states.size() == 1 && !first.manifest().states.empty();
   if (plan.copy && alone)
     plan.source = std::make_unique<StoredTiles>(first.store(), &first.coder(), handle.state());

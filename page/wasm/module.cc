@@ -326,7 +326,7 @@ SLF_EXPORT(slf_codec) int slf_codec() {
   if (!made) return failed(made.error());
   m.codec = std::move(*made);
   m.coder = std::make_unique<TileCoder>(m.manifest->shape, m.manifest->format, *m.codec, geometry,
-                                        !m.manifest->states.empty());
+                                        !m.manifest->states.empty(), m.manifest->keeps_rays);
   return kDone;
 }
 
