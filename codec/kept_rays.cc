@@ -11,7 +11,7 @@ namespace {
 /// How far a kept ray may be from the samples: colours and depth in steps of their coarsest
 /// coefficients, alpha in 1/255. Of rays that are equal, 99 % are nearer, because a coded sample
 /// errs by as much.
-constexpr float kColorSteps = 2.5f, kDepthSteps = 1, kAlphaError = 18;
+constexpr float kColorSteps = 3, kDepthSteps = 1, kAlphaError = 18;
 /// A ray between two kept ones may be as many times as far away.
 constexpr float kBetween = 2;
 /// What the errors of the rays of a block may have in common, in steps. Unlike noise, this would be
