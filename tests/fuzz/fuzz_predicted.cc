@@ -1,8 +1,9 @@
 // Tiles that are predicted from others: any payload decodes against the references
 // that it names, never against fewer, and what is encoded decodes.
 //
-// Input: byte 0 the shape, byte 1 what to do, byte 2 the quality, bytes 3 and 4 the tile; the rest
-// is the payload or the samples, and the samples of all references.
+// Input: byte 0 the shape, and from 128 on a tile of the second state; byte 1 what to do, byte 2
+// the quality, bytes 3 and 4 the tile; the rest is the payload or the samples, and the samples of
+// all references.
 #include <algorithm>
 #include <cstdint>
 #include <cstdlib>
@@ -65,9 +66,11 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   };
   const codec::PredictiveCodec codec(settings,
                                      codec::predictive_tables(settings, made.shape.levels));
-  const TileCoder tiles(made.shape, settings.format, codec, geometry);
+  const unsigned state = data[0] < 128 ? 0 : 1;
+  const TileCoder tiles(made.shape, settings.format, codec, geometry, state > 0, state > 0);
   TileKey key{static_cast<std::uint8_t>(data[1] / 2 % 3), 0};
   key.index = (data[3] | data[4] << 8) % made.shape.tiles(key.level);
+  key = in_state(key, state);
   const ByteSpan rest = std::as_bytes(std::span(data + 5, size - 5));
   const auto repeated = [&](std::size_t count, std::size_t from) {
     Bytes bytes(count);
@@ -80,7 +83,10 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   const auto samples_of = [&](const std::vector<TileKey>& named) {
     std::vector<ReferenceSamples> from;
     for (const TileKey of : named) {
-      require(of.level + 1 == key.level && of.index < made.shape.tiles(of.level));
+      if (of.level == key.level && of.state > state) continue;  // before the first state
+      require(of.level == key.level ? of == in_state(key, 0)
+                                    : of.level + 1 == key.level && of.state == state);
+      require(of.index < made.shape.tiles(of.level));
       const bool empty = of.index % 5 == 4;  // nothing is visible there
       auto& bytes = references[of];
       if (!empty) bytes = repeated(bytes_of(of), of.index);
@@ -103,6 +109,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     }
     return good;
   };
+  if (state > 0 && count == 0) return 0;  // fields store no such tile
   if (data[1] % 2 == 0) {
     (void)decode(rest);
     return 0;
@@ -111,7 +118,9 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   // Premultiplied: no channel exceeds alpha.
   for (std::size_t s = 0; s < count / 5 * 4; s += 4)
     for (std::size_t c = 0; c < 3; ++c) samples[s + c] = std::min(samples[s + c], samples[s + 3]);
-  const auto from = samples_of(tiles.choose(key, samples));
+  auto named = tiles.choose(key, samples);
+  if (state > 0) named.push_back(in_state(key, 0));
+  const auto from = samples_of(named);
   require(tiles.encode(key, samples, from, payload).has_value() && decode(payload));
   return 0;
 }
