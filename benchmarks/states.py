@@ -17,6 +17,9 @@ and depth cost the film nothing. Its views are drawn from fields with its colour
 `entry_pictures` beside `slf`, as in build/bench. Beside it `--quality Q...`: the field of all,
 `predictive:Q`.
 
+With `--new-rays`, what cuts lay open: the bytes of fields of their own, by the share of each tile's
+visible rays that equal those of no earlier state. Needs numpy, and the module `slf`.
+
 With `--memory`, it only builds, and prints the peak memory and the time of all states in one build,
 and of the first alone; with `--labels`, too, those of each structure of a label volume, and of all
 as one.
@@ -100,6 +103,29 @@ class Benchmark:
             print(f"{name:16} {usage.ru_maxrss / 1024:6.0f} MiB {time.monotonic() - begin:7.1f} s",
                   flush=True)
 
+    def new_rays(self, states, file, own):
+        """The bytes of rays that no earlier state has, if they take those of their tiles."""
+        import numpy
+        import slf
+
+        exact, total = self.folder / "exact.slf", 0
+        self.slf("build", self.options.volume, "--states", file, "-o", exact, "-f",
+                 *self.options.build, "--codec", "zstd")
+        fields = [slf.open(exact, state=number) for number in range(len(states))]
+        for number in range(1, len(states)):
+            for name, tile in own[number].items():
+                if tile["payload_bytes"] == 0:
+                    continue
+                level, entry, exit = tile["level"], tile["entry"], tile["exit"]
+                color, depth = ([field.tile(level, entry, exit, channel) for field in
+                                 fields[:number + 1]] for channel in ("color", "depth"))
+                visible = color[-1][..., 3] > 0
+                new = visible.copy()
+                for rgba, deep in zip(color[:-1], depth[:-1]):
+                    new &= (rgba != color[-1]).any(axis=-1) | (deep != depth[-1])
+                total += tile["payload_bytes"] * new.sum() / max(visible.sum(), 1)
+        return total
+
     def encoded(self, states, file):
         """What encodes the rays of all states again, its bytes, and the PSNR of views of each."""
         if not self.options.quality and not self.options.film:
@@ -147,7 +173,7 @@ class Benchmark:
         self.slf("build", self.options.volume, "--states", file, "-o", whole, *build)
         sphere = json.loads(self.slf("info", whole, "--json"))["sphere"]
         place = ["--center", ",".join(map(str, sphere["center"])), "--radius", sphere["radius"]]
-        added, alone, shared, found = [], [], [], []
+        added, alone, shared, found, owns = [], [], [], [], []
         print("state           added    own field  share  same tiles   PSNR  own field")
         for number, state in enumerate(states):
             own_file = self.folder / f"own-{number}.slf"
@@ -156,6 +182,7 @@ class Benchmark:
             one.write_text(json.dumps({"states": [alone_state]}))
             self.slf("build", self.options.volume, "--states", one, "-o", own_file, *place, *build)
             tiles, own = self.tiles(whole, "--state", number), self.tiles(own_file)
+            owns.append(own)
             new = [name for name, tile in tiles.items() if tile["state"] == "stored"]
             stored = [name for name, tile in tiles.items() if tile["state"] != "empty"]
             added.append(sum(tiles[name]["payload_bytes"] for name in new))
@@ -168,6 +195,8 @@ class Benchmark:
                   flush=True)
         rows = [("all in one field", sum(added)), ("a field for each", sum(alone)),
                 ("equal tiles stored once", sum(shared))]
+        if self.options.new_rays:
+            rows.append(("new rays alone", round(alone[0] + self.new_rays(states, file, owns))))
         for name, size in rows:
             print(f"{name:24} {size:10} bytes of payloads, {size / alone[0]:.2f} x the first alone")
         print(f"{'file of all':24} {whole.stat().st_size:10} bytes")
@@ -188,6 +217,7 @@ def main():
     parser.add_argument("--times", action="store_true", help="time points instead of cuts")
     parser.add_argument("--depth", type=float, default=0.7, help="how far down the last cut is")
     parser.add_argument("--views", type=int, default=4)
+    parser.add_argument("--new-rays", action="store_true", help="what cuts lay open, in bytes")
     parser.add_argument("--memory", action="store_true", help="peak memory and time alone")
     parser.add_argument("--labels", action="store_true", help="with --memory: of a label volume")
     parser.add_argument("--film", type=int, nargs="+", default=[], metavar="CRF",
