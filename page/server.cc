@@ -31,7 +31,8 @@ namespace {
 /// Who may show the page in a frame comes last.
 constexpr const char* kPolicy =
     "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; style-src 'self'; img-src 'self' "
-    "blob: data:; connect-src 'self'; worker-src blob:; base-uri 'none'; form-action 'none'";
+    "blob: data:; connect-src 'self'; worker-src blob:; frame-src 'self'; base-uri 'none'; "
+    "form-action 'none'";
 /// Notebooks on this machine; http stands for https, too.
 constexpr const char* kFrames = "; frame-ancestors 'self' http://localhost:* http://127.0.0.1:*";
 

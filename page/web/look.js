@@ -145,6 +145,7 @@ export const kStyle = `
 #panel, #structures, #views, #status, #choose, dialog, #compass, #scale {
   background: var(--panel); border: 1px solid var(--line); border-radius: 10px;
 }
+:host([controls="none"]) :is(#panel, #structures, #views, #compass, #scale) { display: none; }
 #panel, #structures {
   position: absolute; top: 12px; left: 12px; width: 272px; max-height: calc(100% - 24px);
   max-width: calc(100% - 24px); overflow: auto; backdrop-filter: blur(10px);

@@ -186,6 +186,14 @@ class StudioTest(unittest.TestCase):
             page.wait("!document.getElementById('result').hidden", 240)
             size = os.path.getsize(path("ball.slf"))
             self.assertAlmostEqual(forecast, size, delta=0.2 * size + 2**15)
+            inside = "document.querySelector('iframe').contentWindow.slf"
+            page.wait(f"{inside}?.state === 'settled'", 240)
+            self.set(page, "#compare", "0", "input")
+            box = f"{inside}.root.getElementById('panel').getBoundingClientRect().width"
+            self.assertEqual(page.run(box), 0)
+            self.assertEqual(page.run("document.querySelector('iframe').contentDocument"
+                                      ".querySelector('slf-field').view"),
+                             page.run("studio.camera.toText()"))
             page.run("document.getElementById('field').removeAttribute('target')")
             page.run("document.getElementById('field').click()")
             page.wait("globalThis.slf?.state === 'settled'", 240)

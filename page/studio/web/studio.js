@@ -173,6 +173,7 @@ async function draw() {
       if (shown.stage >= kDirect && !state.box) await load();
       if (complete) tellForecast();
       showHandle();
+      turnField();
     } catch (error) {
       if (error.name === 'AbortError') continue;
       say(error.status ? error.message : lost, true);
@@ -525,6 +526,28 @@ byId('copy').onclick = async () => {
   if (await save('save')) await navigator.clipboard.writeText(command).catch(() => {});
   byId('said').textContent = command;
 };
+// The field that was built, beside the live picture, from the same side.
+let field;
+function showField(folder) {
+  field?.remove();
+  field = make('iframe', {src: `../${folder}/`, title: 'The field that was built'});
+  field.onload = () => {
+    field.element = field.contentDocument.querySelector('slf-field');
+    field.element.setAttribute('controls', 'none');
+    turnField();
+  };
+  picture.after(field);
+  byId('compare').hidden = false;
+  byId('compare').oninput();
+}
+function turnField() {
+  if (!field?.element) return;
+  field.element.view = camera.toText();
+  if (states.length > 0) field.element.state = states[Math.max(0, current)].name;
+}
+byId('compare').oninput = () => {
+  field.style.clipPath = `inset(0 0 0 ${byId('compare').value}%)`;
+};
 const clock = (s) => s < 90 ? `${Math.round(s)} s` : `${Math.round(s / 60)} min`;
 async function follow() {
   for (;;) {
@@ -542,6 +565,7 @@ async function follow() {
       }
       if (build?.field) {
         byId('result').hidden = false;
+        showField(build.field);
         byId('field').href = `../${build.field}/`;
         byId('said').textContent = `Complete: ${state.output}`;
       }
