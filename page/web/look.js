@@ -224,12 +224,11 @@ button[aria-pressed="true"] { background: var(--accent); color: var(--pressed); 
 }
 #lines line { stroke: var(--ink); stroke-width: 2; paint-order: stroke; }
 #lines circle { fill: var(--accent); stroke: #000; }
-#planes { outline: none; }
 #planes :is(path, line) { fill: none; stroke: var(--ink); stroke-width: 1.5; opacity: 0.5; }
 #planes .chosen :is(path, line) { stroke: var(--accent); stroke-width: 2.5; opacity: 0.9; }
-#planes :is(path.wide, circle) { pointer-events: stroke; cursor: move; touch-action: none; }
-#planes .wide.rim { stroke-width: 24; opacity: 0; }
+#planes .wide.rim { stroke-width: 24; opacity: 0; pointer-events: stroke; }
 #planes circle { fill: var(--accent); stroke: #000; pointer-events: all; }
+#planes :is(.wide, circle) { cursor: move; touch-action: none; }
 #planes circle:focus-visible { outline: 2px solid var(--ink); outline-offset: 2px; }
 .note {
   position: absolute; left: 0; top: 0; max-width: 240px; pointer-events: auto;
