@@ -1504,7 +1504,7 @@ class PageTest(unittest.TestCase):
             lit = page.run("""film.map((frame) => {
               let count = 0;
               for (let i = 0; i < frame.length; i += 4)
-                count += frame[i] + frame[i + 1] + frame[i + 2] > 60;
+                count += frame[i] + frame[i + 1] + frame[i + 2] > 24;
               return count;
             })""", 120)
             print(lit, flush=True)
