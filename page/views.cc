@@ -155,9 +155,9 @@ Result<Views> parse_views(const ViewsFile& file, const Sphere& sphere) {
   Views views;
   if (const auto about = root.find("about"); about != root.end()) {
     SLF_TRY(check_entry(*about, kAbout, path + ": about"));
-    const auto text = [&](const char* name) { return about->value(name, ""); };
-    views.about = {text("title"), text("description"), text("author"), text("licence"),
-                   text("source")};
+    const auto member = [&](const char* name) { return about->value(name, ""); };
+    views.about = {member("title"), member("description"), member("author"), member("licence"),
+                   member("source")};
     root.erase(about);
   }
   for (const auto& [name, list] : root.items()) {
@@ -188,9 +188,9 @@ Result<Views> parse_views(const ViewsFile& file, const Sphere& sphere) {
     }
     views.cut = !list[0].value("clip", json::array()).empty();
     for (const json& plane : list[0].value("clip", json::array())) {
-      const std::string text = plane.dump();
-      views.attributes +=
-          (views.attributes.ends_with('"') ? " clip=\"" : ";") + text.substr(1, text.size() - 2);
+      const std::string numbers = plane.dump();
+      views.attributes += (views.attributes.ends_with('"') ? " clip=\"" : ";") +
+                          numbers.substr(1, numbers.size() - 2);
     }
     if (views.cut) views.attributes += "\" cap=\"" + escape_html(list[0].value("cap", "")) + "\"";
   }
