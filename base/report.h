@@ -53,7 +53,9 @@ concept Vector = requires(const T& v) {
   v.x + v.y + v.z;
 };
 template <class T>
-concept Map = requires { typename T::mapped_type; };
+concept Map = requires {
+  typename T::mapped_type;
+};
 template <class T>
 concept List = std::ranges::range<T> && !Text<T> && !Map<T> && !std::is_same_v<T, nlohmann::json>;
 
