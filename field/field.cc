@@ -202,8 +202,10 @@ Result<ByteSpan> FieldFile::kept(const char* blob) const {
 }
 
 Result<Field> Field::open(const std::string& path) {
-  auto file = SLF_TRY(guarded([&] { return FieldFile::open(path); }));
-  return Field(std::move(file));
+  return guarded([&]() -> Result<Field> {
+    auto file = SLF_TRY(FieldFile::open(path));
+    return Field(std::move(file));
+  });
 }
 
 const std::string& Field::path() const { return file_->path(); }

@@ -278,8 +278,11 @@ Result<Manifest> Manifest::parse(std::string_view text, const std::string& file)
   if (json.contains("states")) manifest.states = read_states(in, json["states"]);
   manifest.shape.states = std::max<unsigned>(1, static_cast<unsigned>(manifest.states.size()));
   const auto* required = in.find("/required");
+  // Comparing JSON with text would allocate where no exception may leave.
   manifest.keeps_rays =
-      required && std::find(required->begin(), required->end(), kKeptRays) != required->end();
+      required && std::ranges::any_of(*required, [](const auto& feature) {
+        return feature.is_string() && feature.template get_ref<const std::string&>() == kKeptRays;
+      });
   manifest.format = read_format(in);
   manifest.codec = in.text("/codec");
   if (json.contains("provenance") && !json["provenance"].is_object())

@@ -275,11 +275,12 @@ bool is_page_name(std::string_view output) {
 }
 
 /// The size of the largest field, with its index, whose export as one HTML file or as a folder has
-/// at most `max_bytes` bytes; 0 if the page alone is larger.
-std::uint64_t room_for_field(std::uint64_t max_bytes, bool one_file) {
+/// at most `max_bytes` bytes; 0 if the page alone is larger. `cuts`: the field has a reveal.
+std::uint64_t room_for_field(std::uint64_t max_bytes, bool one_file, bool cuts) {
   // What is around scripts and pieces, and posters.
   std::uint64_t page = 65536 + 2 * (kMaxPosterBytes / 3 * 4 + 4);
   for (const PageFile& file : page_files()) {
+    if (file.name == kCutFile && !cuts) continue;
     const bool module = file.name == kModuleFile || file.name == kCutFile;
     if (!one_file || !module) page += file.bytes.size();
     if (module) page += file.bytes.size() / 3 * 4 + 4;  // base64
@@ -315,10 +316,11 @@ Result<Descriptor> repack_if_requested(const Field& field, std::string output,
   RepackOptions repack = options.repack;
   repack.light = false;  // views do not need it
   const bool limited = options.max_size > 0, one_file = is_page_name(output);
-  const std::uint64_t room = room_for_field(options.max_size, one_file);
+  const std::uint64_t room =
+      room_for_field(options.max_size, one_file, repack.reveal && has_reveal(field));
   if (limited && room == 0)
     return fail_without("max_size", ErrorCode::usage,
-                        "the page alone is larger; allow 1MiB or more");
+                        "the page alone is larger; allow 2MiB or more");
   const auto light = field.light();
   const bool drops_light = states.size() == 1 && (!light || !light->empty());
   const bool drops_reveal = !repack.reveal && has_reveal(field);
