@@ -509,6 +509,7 @@ byId('addview').onclick = () => {
 let command = '';
 async function save(what, more = {}) {
   try {
+    while (sending) await sleep(8);  // what is saved has all changes
     const said = await (await post(what, more)).json();
     command = said.command;
     byId('copy').disabled = false;
@@ -618,6 +619,7 @@ attach(picture, camera, {
 new ResizeObserver(again).observe(picture);
 
 globalThis.studio = {camera, pictures: [], get serial() { return serial; },
+                     get sending() { return sending; },
                      get shown() { return shown; }, get state() { return state; }};
 load().then(() => {
   serial = 1;
