@@ -150,8 +150,10 @@ std::string meta(std::string_view key, std::string_view name, std::string_view c
 /// What search engines, and programs that show links, read of a page, in its head. `image` is
 /// relative to `url`; either may be empty.
 std::string described(const About& about, std::string_view url, std::string_view image) {
-  const std::string folder(url.substr(0, url.rfind('/') + 1));
-  const std::string shown = image.empty() ? "" : concat(folder, image);
+  const std::size_t path = url.find('/', url.find("://") + 3);  // none: the host's own page
+  const std::string folder =
+      path == url.npos ? concat(url, "/") : std::string(url.substr(0, url.rfind('/') + 1));
+  const std::string shown = image.empty() ? "" : concat(url.empty() ? "" : folder, image);
   return meta("name", "description", about.description) + meta("name", "author", about.author) +
          meta("property", "og:type", "website") + meta("property", "og:title", about.title) +
          meta("property", "og:description", about.description) + meta("property", "og:url", url) +

@@ -3,6 +3,7 @@
 #include <chrono>
 #include <cmath>
 #include <filesystem>
+#include <functional>
 #include <nlohmann/json.hpp>
 #include <set>
 
@@ -14,13 +15,11 @@
 #include "base/try.h"
 #include "page/page.h"
 #include "page/studio/caster.h"
+#include "page/studio/subject.h"
 #include "page/studio/task.h"
 #include "slf/build.h"
 #include "slf/transfer.h"
-#include "slf/volume_parts.h"
 #include "source/recipe/options.h"
-#include "source/transfer/transfer_color.h"
-#include "source/volume/voxels.h"
 
 namespace slf::page {
 namespace {
@@ -29,28 +28,26 @@ namespace fs = std::filesystem;
 using nlohmann::json;
 using Clock = std::chrono::steady_clock;
 
-constexpr std::size_t kBins = 256;
 constexpr std::uint32_t kMaxSide = 4096;  // of pictures
 constexpr std::chrono::seconds kDraftEvery(1);
 
-/// What the recipe states, with paths relative to a folder.
-json with_paths(const Recipe& recipe, const fs::path& folder) {
-  json out = json::object();
-  for (const recipe::Option& option : recipe::options()) {
-    if (!recipe.stated.contains(option.name)) continue;
-    json value = option.get(recipe);
-    if (value.is_null()) continue;
-    const std::string text = value.is_string() ? value.get<std::string>() : "";
-    if (option.type.form == recipe::Type::Form::file && recipe::names_file(option.name, text)) {
-      const std::size_t prefix = recipe.is_pictures() && option.name == std::string_view("input")
-                                     ? recipe::kPicturesPrefix.size()
-                                     : 0;
-      value = text.substr(0, prefix) +
-              fs::proximate(fs::absolute(text.substr(prefix)), folder).string();
-    }
-    out[option.name] = std::move(value);
+/// Whether an option names a file, and not something built in.
+bool names_file(const std::string& name, const json& value) {
+  const recipe::Option* const option = recipe::find(name);
+  return option && option->type.form == recipe::Type::Form::file && value.is_string() &&
+         recipe::names_file(option->name, value.get<std::string>());
+}
+
+/// Options of a recipe, or of one of its states, after `change` of each path in them.
+json with_paths(json options, const std::function<fs::path(const fs::path&)>& change) {
+  for (auto& [name, value] : options.items()) {
+    if (!names_file(name, value)) continue;
+    const auto text = value.get<std::string>();
+    const bool pictures = name == "input" && text.starts_with(recipe::kPicturesPrefix);
+    const std::size_t prefix = pictures ? recipe::kPicturesPrefix.size() : 0;
+    value = text.substr(0, prefix) + change(text.substr(prefix)).string();
   }
-  return out;
+  return options;
 }
 
 Response text(int status, std::string_view type, std::string body) {
@@ -70,36 +67,6 @@ Response refusal(const std::string& message, int status = 422) {
 
 /// A function as recipes state it.
 json stated(const TransferFunction& function) { return json::parse(to_json(function)).at(0); }
-
-/// How many voxels have which value: counts of kBins equal steps, with their ends.
-json histogram_of(const Volume& volume) {
-  const auto range = volume.value_range();
-  const double low = range[0], high = range[1];
-  std::vector<std::uint64_t> counts(kBins);
-  const double scale = high > low ? kBins / (high - low) : 0;
-  visit_voxels(volume, [&](auto stored) {
-    const std::size_t step = 1 + stored.size() / (1 << 22);
-    for (std::size_t i = 0; i < stored.size(); i += step) {
-      const double value = volume.slope * static_cast<double>(stored[i]) + volume.intercept;
-      if (!std::isfinite(value)) continue;
-      ++counts[std::min(kBins - 1, static_cast<std::size_t>((value - low) * scale))];
-    }
-  });
-  return {{"low", low}, {"high", high}, {"counts", counts}};
-}
-
-json value_at(const Volume& volume, const glm::dvec3& world) {
-  const glm::dvec3 at = glm::round(glm::inverse(volume.axes) * (world - volume.origin));
-  for (int k = 0; k < 3; ++k)
-    if (!(at[k] >= 0 && at[k] < volume.dims[static_cast<std::size_t>(k)])) return {};
-  const std::uint64_t index =
-      static_cast<std::uint64_t>(at.x) +
-      volume.dims[0] * (static_cast<std::uint64_t>(at.y) +
-                        std::uint64_t{volume.dims[1]} * static_cast<std::uint64_t>(at.z));
-  return visit_voxels(volume, [&](auto stored) {
-    return volume.slope * static_cast<double>(stored[index]) + volume.intercept;
-  });
-}
 
 template <std::size_t N>
 std::optional<std::array<double, N>> numbers(const json& from, const char* name) {
@@ -140,21 +107,23 @@ struct Studio::State {
     if (!kept) (void)guarded([&] { return keep(); });
   }
 
+  /// A page reads no file but those that the maker named when the studio began.
+  Result<void> check_files(const json& stated) const {
+    for (const auto& [name, value] : stated.items())
+      if (names_file(name, value) && !files.contains(value.get<std::string>()))
+        return fail(ErrorCode::usage, name, ": files are named on the command line");
+    return {};
+  }
+
   /// The recipe of this JSON: what the page states, of the input that it is given.
   Result<Recipe> parse(const json& stated) const {
     if (!stated.is_object()) return fail(ErrorCode::usage, "expected an object");
+    SLF_TRY(check_files(stated));
     Recipe made;
     made.input = base.input;
     made.volume = base.volume;
     if (!base.volume) made.stated.insert("input");
-    for (const auto& [name, value] : stated.items()) {
-      const recipe::Option* const option = recipe::find(name);
-      // A page changes no file but those that the maker named when the studio began.
-      if (option && option->type.form == recipe::Type::Form::file && value.is_string() &&
-          recipe::names_file(name, value.get<std::string>()) && first.value(name, json()) != value)
-        return fail(ErrorCode::usage, name, ": files are named on the command line");
-      SLF_TRY(recipe::set(made, name, value));
-    }
+    for (const auto& [name, value] : stated.items()) SLF_TRY(recipe::set(made, name, value));
     SLF_TRY(recipe::check_applies(made));
     return made;
   }
@@ -190,8 +159,8 @@ struct Studio::State {
 
   const Recipe base;
   const StudioOptions options;
-  json first;            ///< what was stated when the studio began
-  json document, shown;  ///< the recipe, with states; and what is shown of it
+  std::set<std::string> files;  ///< that were named when the studio began
+  json document, shown;         ///< the recipe, with states; and what is shown of it
   json views = json::array();
   std::string recipe_path, views_path, draft_path;
   std::set<std::string> owned;  ///< of these, those that this studio, or one before it, wrote
@@ -220,12 +189,16 @@ Result<void> Studio::State::save() {
       return fail(ErrorCode::usage, path,
                   ": exists, and was not saved by this studio; move it, or name another recipe by "
                   "--save, another output by -o");
+  SLF_TRY(whole());
   const fs::path where = fs::absolute(recipe_path).parent_path();
-  json stated = document;
-  const json states = stated.value("states", json());
-  stated.erase("states");
-  json out = with_paths(SLF_TRY(parse(stated)), where);
-  if (!states.is_null()) out["states"] = states;
+  const auto from_there = [&](const fs::path& path) {
+    return fs::proximate(fs::absolute(path), where);
+  };
+  json out = document;
+  if (!base.volume) out["input"] = base.input;
+  out = with_paths(out, from_there);
+  if (out.contains("states"))
+    for (json& state : out["states"]) state = with_paths(state, from_there);
   SLF_TRY(write_file(recipe_path, bytes_of(out.dump(2) + "\n")));
   owned.insert(written.begin(), written.end());
   if (!views.empty())
@@ -241,6 +214,8 @@ Result<Recipe> Studio::State::whole() const {
   const json states = stated.value("states", json());
   stated.erase("states");
   Recipe recipe = SLF_TRY(parse(stated));
+  if (states.is_array())
+    for (const json& state : states) SLF_TRY(check_files(state));
   if (!states.is_null()) SLF_TRY(recipe::add_states(recipe, states, {}));
   recipe.raycast.lighting.linear = recipe.field.half;
   recipe.light_volume.threads = recipe.field.threads = options.threads;
@@ -334,28 +309,10 @@ json Studio::State::state() {
            {"saved", owned.contains(recipe_path) && kept && !fs::exists(draft_path)},
            {"build", progress()}};
   if (!volume) return all;
-  all["unit"] = volume->unit;
-  all["patient"] = volume->patient_axes;
-  const glm::dvec3 size =
-      volume->axes * (glm::dvec3(volume->dims[0], volume->dims[1], volume->dims[2]) - 1.0);
-  all["box"] = {volume->origin.x, volume->origin.y, volume->origin.z, size.x, size.y, size.z};
+  all.update(place_of(*volume));
   if (volume->labels) {
     const auto made = parse(shown);
-    const bool own = made && !made->label_table.empty();
-    const auto table = own ? read_label_table(made->label_table) : volume->label_styles;
-    json labels = json::array();
-    for (const std::int64_t id : label_ids(*volume)) {
-      if (id == 0) continue;
-      const auto found = table ? table->find(id) : LabelTable::const_iterator();
-      const LabelStyle style = table && found != table->end() ? found->second : LabelStyle();
-      const glm::dvec3 color =
-          style.color.value_or(transfer_color::of_label(static_cast<double>(id)));
-      labels.push_back({{"id", id},
-                        {"name", style.name.empty() ? std::to_string(id) : style.name},
-                        {"color", {color.r, color.g, color.b}},
-                        {"opacity", style.opacity}});
-    }
-    all["labels"] = std::move(labels);
+    all["labels"] = labels_of(*volume, made ? made->label_table : "");
     return all;
   }
   all["histogram"] = histogram;
@@ -478,17 +435,25 @@ Result<std::unique_ptr<Studio>> Studio::make(Recipe recipe, StudioOptions option
   s.recipe_path = s.options.save.empty() ? stem.string() + ".recipe.json" : s.options.save;
   s.views_path = stem.string() + ".views.json";
   s.draft_path = s.recipe_path + ".draft";
+  json first = json::object();
   for (const recipe::Option& option : recipe::options())
     if (s.base.stated.contains(option.name) && option.name != std::string_view("input"))
-      s.first[option.name] = option.get(s.base);
-  if (s.first.is_null()) s.first = json::object();
-  s.document = s.shown = s.first;
+      first[option.name] = option.get(s.base);
+  s.document = s.shown = first;
   for (const RecipeState& given : s.base.states) {
-    json one = json::parse(given.options);
+    json one = with_paths(json::parse(given.options), [&](const fs::path& path) {
+      return fs::path(given.file).parent_path() / path;
+    });
     one["name"] = given.name;
     if (!given.light_from.empty()) one["light_from"] = given.light_from;
     s.document["states"].push_back(std::move(one));
   }
+  const auto add_files = [&](const json& stated) {
+    for (const auto& [name, value] : stated.items())
+      if (names_file(name, value)) s.files.insert(value.get<std::string>());
+  };
+  add_files(first);
+  for (const json& one : s.document.value("states", json::array())) add_files(one);
   std::error_code ignored;
   if (fs::is_regular_file(s.draft_path, ignored)) {
     const auto bytes = SLF_TRY(read_file(s.draft_path, 16 << 20));
@@ -503,7 +468,7 @@ Result<std::unique_ptr<Studio>> Studio::make(Recipe recipe, StudioOptions option
       s.restored = true;
     }
   }
-  if (s.revision == 0) SLF_TRY(s.show(s.first));
+  if (s.revision == 0) SLF_TRY(s.show(first));
   return std::unique_ptr<Studio>(new Studio(std::move(state)));
 }
 

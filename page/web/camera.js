@@ -72,6 +72,15 @@ export class Camera {
     return {eye, forward, right, down: up.map((v) => -v), half};
   }
 
+  // Where a point, in radii from the sphere's centre, is in a picture of that size: x to the right
+  // and y down, how far in front of the eye, and how far from it.
+  project(point, width, height) {
+    const {eye, forward, right, down, half} = this.axes(width, height);
+    const to = add(point, eye, -1), far = dot(to, forward), scale = height / 2 / half / far;
+    return {x: width / 2 + scale * dot(to, right), y: height / 2 + scale * dot(to, down), far,
+            distance: Math.hypot(...to)};
+  }
+
   toText() {
     const n = (v) => String(Math.round(v * 1e4) / 1e4);
     const parts = [this.azimuth, this.elevation, this.distance];

@@ -1,15 +1,27 @@
-// The handles of planes in the picture: a disc and an arrow each. Dragging the arrow moves a plane
+// The handles of planes in a picture: a disc and an arrow each. Dragging the arrow moves a plane
 // along its normal, dragging the rim of the disc tilts it. Keys do the same.
 
 import {add, dot} from './camera.js';
-import {kMostShown, unit} from './cut.js';
+import {unit} from './cut.js';
 
 const kDisc = 0.55, kArrow = 0.3;   // radii
 const kPoints = 40;                 // of the rim
 const kNearAxis = Math.cos(4 * Math.PI / 180);  // a tilted plane snaps to an axis so near
 const kTilt = 150;                  // pixels that the rim is dragged for a radian
 const kKey = 0.02, kKeyTilt = 0.05; // radii and radians of a press of a key
-const kAxes = [[1, 0, 0], [0, 1, 0], [0, 0, 1]];
+export const kAxes = [[1, 0, 0], [0, 1, 0], [0, 0, 1]];
+
+export const kHandleStyle = `
+.planes {
+  position: absolute; inset: 0; width: 100%; height: 100%; pointer-events: none; overflow: hidden;
+}
+.planes :is(path, line) { fill: none; stroke: var(--ink); stroke-width: 1.5; opacity: 0.5; }
+.planes .chosen :is(path, line) { stroke: var(--accent); stroke-width: 2.5; opacity: 0.9; }
+.planes .wide.rim { stroke-width: 24; opacity: 0; pointer-events: stroke; }
+.planes circle { fill: var(--accent); stroke: #000; pointer-events: all; }
+.planes :is(.wide, circle) { cursor: move; touch-action: none; }
+.planes circle:focus-visible { outline: 2px solid var(--ink); outline-offset: 2px; }
+`;
 
 const cross = ([a, b, c], [x, y, z]) => [b * z - c * y, c * x - a * z, a * y - b * x];
 // The axis, either way, that a direction is nearest to.
@@ -18,56 +30,33 @@ export function nearestAxis(normal, among = kAxes) {
   return axis.map((v) => v && Math.sign(dot(normal, axis)) * v);
 }
 
+// What shows planes says which: `planes`, as {point, normal} of length 1; `set(planes, moving)`;
+// `sphere`, {center, radius}; `camera`; and `canvas`, the picture.
 export class Handles {
-  // `element`: the <slf-field>; `byId` finds its parts.
-  constructor(element, byId) {
-    Object.assign(this, {element, byId, viewer: element.viewer, chosen: 0});
-    const box = byId('planes');
+  // `box`: an <svg class="planes"> over the picture.
+  constructor(box) {
+    Object.assign(this, {box, chosen: 0});
     box.onpointerdown = (event) => this.grab(event);
     box.onpointermove = (event) => this.drag(event);
     box.onpointerup = box.onpointercancel = (event) => this.drop(event);
     box.onkeydown = (event) => this.press(event);
-    byId('cut').onclick = () => this.toggle();
-    byId('cap').onchange = () => { this.element.cap = byId('cap').value; };
-    byId('flip').onclick = () => this.change(({normal}) => ({normal: normal.map((v) => -v)}));
-    byId('snap').onclick = () => this.change(({normal}) => ({normal: nearestAxis(normal)}));
-    byId('remove').onclick = () => this.set(this.planes.filter((_, k) => k !== this.chosen));
-    byId('more').onclick = () => this.add();
-    for (const name of ['grey', 'span']) byId(name).oninput = () => this.window();
   }
-  get planes() { return this.viewer.cut?.planes ?? []; }
-  get sphere() { return this.viewer.field.manifest.sphere; }
 
-  set(planes) {
-    this.chosen = Math.min(this.chosen, Math.max(0, planes.length - 1));
-    this.element.clip = planes.map(({point, normal}) => [...point, ...normal]);
-  }
   // Changes the plane that is chosen.
-  change(how) {
+  change(how, moving) {
     this.set(this.planes.map((plane, k) =>
-      k === this.chosen ? {...plane, ...how(plane)} : plane));
+      k === this.chosen ? {...plane, ...how(plane)} : plane), moving);
   }
-  // A plane through the middle, across the axis nearest to the view that has none.
-  add() {
-    const used = this.planes.map(({normal}) => nearestAxis(normal).map(Math.abs).join());
-    const free = kAxes.filter((axis) => !used.includes(axis.join()));
-    const {forward} = this.viewer.camera.axes(1, 1);
-    if (this.planes.length >= kMostShown) return;
-    this.chosen = this.planes.length;
-    this.set([...this.planes, {point: this.sphere.center, normal: nearestAxis(
-      forward.map((v) => -v), free.length > 0 ? free : kAxes)}]);
+  flip() { this.change(({normal}) => ({normal: normal.map((v) => v && -v)})); }
+  snap() { this.change(({normal}) => ({normal: nearestAxis(normal)})); }
+  remove() {
+    const left = this.planes.filter((_, k) => k !== this.chosen);
+    this.chosen = Math.min(this.chosen, Math.max(0, left.length - 1));
+    this.set(left);
   }
-  toggle() {
-    if (this.planes.length > 0) this.set([]);
-    else this.add();
-    const {element, viewer} = this;
-    element.showCut().then(() => viewer.cut.why && element.hint(viewer.cut.why));
-  }
-  // Takes the greys of a slice from the sliders.
-  window() {
-    const [middle, width] = ['grey', 'span'].map((name) => Number(this.byId(name).value));
-    this.element.cap =
-      `slice:${[middle - width / 2, middle + width / 2].map((v) => +v.toPrecision(4))}`;
+  // Where a point is in the picture, as Camera.project() has it.
+  seen(point) {
+    return this.camera.project(point, this.canvas.clientWidth, this.canvas.clientHeight);
   }
 
   // Where the handle of a plane is, in radii: the foot of the sphere's centre on the plane.
@@ -83,28 +72,13 @@ export class Handles {
       return add(add(foot, u, kDisc * Math.cos(t)), v, kDisc * Math.sin(t));
     });
   }
-  // Draws the handles, and says what is shown in the panel.
+  // Draws the handles.
   place() {
-    const {byId, viewer, planes} = this, {cut} = viewer;
-    if (!cut) return;
-    byId('cut').setAttribute('aria-pressed', String(planes.length > 0));
-    byId('cuts').hidden = planes.length === 0;
-    const slices = cut.cap.startsWith('slice') && !cut.hollow;
-    byId('greys').hidden = !slices;
-    byId('cap').value = cut.hollow ? 'hollow' : slices ? 'slice' : 'shaded';
-    Object.assign(byId('cap'), {disabled: cut.hollow && cut.why, title: cut.why ?? ''});
-    byId('more').disabled = planes.length >= kMostShown;
-    if (slices) {
-      const [low, high] = cut.window, [least, most] = cut.of.range;
-      Object.assign(byId('grey'), {min: least, max: most, step: 'any', value: (low + high) / 2});
-      Object.assign(byId('span'), {min: (most - least) / 100, max: most - least, step: 'any',
-                                   value: high - low});
-    }
+    const {box, planes} = this;
     const at = (point) => {
-      const {x, y, far} = viewer.project(point);
+      const {x, y, far} = this.seen(point);
       return far > 0 ? [x.toFixed(1), y.toFixed(1)] : [-99, -99];
     };
-    const box = byId('planes');
     while (box.children.length > planes.length) box.lastChild.remove();
     planes.forEach((plane, k) => {
       if (!box.children[k]) {
@@ -135,54 +109,57 @@ export class Handles {
     event.stopPropagation();
     group.lastChild.focus({preventScroll: true});
     target.setPointerCapture(event.pointerId);
-    const {left, top} = this.viewer.canvas.getBoundingClientRect();
+    const {left, top} = this.canvas.getBoundingClientRect();
     const plane = this.planes[this.chosen], away = (point) => {
-      const {x, y} = this.viewer.project(point);
+      const {x, y} = this.seen(point);
       return Math.hypot(x - event.clientX + left, y - event.clientY + top);
     };
     const held = this.rim(plane).reduce((a, b) => away(b) < away(a) ? b : a);
-    const {distance} = this.viewer.project(this.foot(plane));
+    const {distance} = this.seen(this.foot(plane));
     this.held = {x: event.clientX, y: event.clientY, tilts: target.classList.contains('rim'),
-                 turns: this.viewer.project(held).distance < distance ? 1 : -1};
+                 turns: this.seen(held).distance < distance ? 1 : -1};
   }
   drag(event) {
     if (!this.held) return;
     const dx = event.clientX - this.held.x, dy = event.clientY - this.held.y;
     Object.assign(this.held, {x: event.clientX, y: event.clientY});
-    if (this.held.tilts) this.tilt(this.held.turns * dx / kTilt, this.held.turns * dy / kTilt);
-    else this.move(this.along(dx, dy));
+    if (this.held.tilts)
+      this.tilt(this.held.turns * dx / kTilt, this.held.turns * dy / kTilt, true);
+    else this.move(this.along(dx, dy), true);
   }
   drop({shiftKey}) {
-    const {normal} = this.planes[this.chosen] ?? {};
-    if (this.held?.tilts && !shiftKey && Math.abs(dot(normal, nearestAxis(normal))) > kNearAxis)
-      this.change(() => ({normal: nearestAxis(normal)}));
+    if (!this.held) return;
+    const {tilts} = this.held, {normal} = this.planes[this.chosen] ?? {};
     this.held = undefined;
+    if (tilts && normal && !shiftKey && Math.abs(dot(normal, nearestAxis(normal))) > kNearAxis)
+      this.snap();
+    else this.set(this.planes);
   }
   // How far along its normal a drag moves a plane, in radii.
   along(dx, dy) {
-    const {viewer} = this, plane = this.planes[this.chosen], foot = this.foot(plane);
-    const a = viewer.project(foot), b = viewer.project(add(foot, plane.normal, 0.01));
+    const plane = this.planes[this.chosen], foot = this.foot(plane);
+    const a = this.seen(foot), b = this.seen(add(foot, plane.normal, 0.01));
     const [u, v] = [(b.x - a.x) / 0.01, (b.y - a.y) / 0.01], size = Math.hypot(u, v);
-    const least = viewer.canvas.clientHeight / 8;  // pixels a radius, if it points to the eye
+    const least = this.canvas.clientHeight / 8;  // pixels a radius, if it points to the eye
     return size > least ? (dx * u + dy * v) / size ** 2 : -dy / least / 4;
   }
-  move(by) {
+  move(by, moving) {
     this.change((plane) => {
       const foot = this.foot(plane), now = dot(foot, plane.normal);
       const to = Math.min(1, Math.max(-1, now + by)), {center, radius} = this.sphere;
       return {point: add(center, plane.normal, radius * to)};
-    });
+    }, moving);
   }
   // Turns the plane about its handle, by so many radians to the right and down in the picture.
-  tilt(x, y) {
-    const {forward, right, down} = this.viewer.camera.axes(1, 1);
+  tilt(x, y, moving) {
+    const {forward, right, down} = this.camera.axes(1, 1);
     this.change((plane) => {
       const {center, radius} = this.sphere, out = forward.map((v) => -v);
       const point = add(center, this.foot(plane), radius), {normal} = plane;
       // As if a ball were turned whose front moves that way.
       const axis = add(cross(out, right).map((v) => v * x), cross(out, down), y);
       return {point, normal: unit(add(normal, cross(axis, normal)))};
-    });
+    }, moving);
   }
   press(event) {
     const knob = event.target.closest('g');
@@ -193,7 +170,7 @@ export class Handles {
     this.chosen = [...knob.parentNode.children].indexOf(knob);
     event.preventDefault();
     event.stopPropagation();
-    if (act) this.byId(act).click();
+    if (act) this[act]();
     else if (event.shiftKey) this.tilt(x * kKeyTilt, -y * kKeyTilt);
     else this.move((x + y) * kKey);
   }

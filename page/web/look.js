@@ -1,5 +1,7 @@
 // What <slf-field> consists of, and how it looks.
 
+import {kHandleStyle} from './handle.js';
+
 // A new element with these properties.
 export const make = (tag, values = {}) => Object.assign(document.createElement(tag), values);
 
@@ -8,7 +10,7 @@ export const kMarkup = `
 <canvas id="picture" tabindex="0" role="img" aria-describedby="keys"
   aria-label="The field, seen from a camera that you can move"></canvas>
 <svg id="lines" aria-hidden="true"></svg>
-<svg id="planes" role="group" aria-label="Planes that cut the object"></svg>
+<svg id="planes" class="planes" role="group" aria-label="Planes that cut the object"></svg>
 <div id="notes"></div>
 <div id="cross" aria-hidden="true" hidden></div>
 <div id="compass" aria-hidden="true" hidden></div>
@@ -219,17 +221,11 @@ button[aria-pressed="true"] { background: var(--accent); color: var(--pressed); 
   pointer-events: none;
 }
 #scale i { display: block; border: 2px solid currentcolor; border-top: 0; height: 6px; }
-#lines, #notes, #planes {
+#lines, #notes {
   position: absolute; inset: 0; width: 100%; height: 100%; pointer-events: none; overflow: hidden;
 }
 #lines line { stroke: var(--ink); stroke-width: 2; paint-order: stroke; }
 #lines circle { fill: var(--accent); stroke: #000; }
-#planes :is(path, line) { fill: none; stroke: var(--ink); stroke-width: 1.5; opacity: 0.5; }
-#planes .chosen :is(path, line) { stroke: var(--accent); stroke-width: 2.5; opacity: 0.9; }
-#planes .wide.rim { stroke-width: 24; opacity: 0; pointer-events: stroke; }
-#planes circle { fill: var(--accent); stroke: #000; pointer-events: all; }
-#planes :is(.wide, circle) { cursor: move; touch-action: none; }
-#planes circle:focus-visible { outline: 2px solid var(--ink); outline-offset: 2px; }
 .note {
   position: absolute; left: 0; top: 0; max-width: 240px; pointer-events: auto;
   background: var(--panel); border-radius: 22px; transition: opacity 0.2s;
@@ -299,4 +295,4 @@ dialog form { margin-top: 14px; text-align: right; }
     z-index: 1;
   }
   #structures:not(:has(> div[hidden])) { max-height: 42%; }
-}`;
+}${kHandleStyle}`;

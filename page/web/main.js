@@ -8,7 +8,7 @@ import {attach} from './controls.js';
 import {kCapForm, planesOf, textOf} from './cut.js';
 import {Decoders} from './decoders.js';
 import {Explain} from './explain.js';
-import {Handles} from './handle.js';
+import {CutPanel} from './cutpanel.js';
 import {ownColors, StructureList} from './list.js';
 import {kMarkup, kStyle, make} from './look.js';
 import {embeddedSource, fileSource, HttpSource} from './source.js';
@@ -140,7 +140,7 @@ export class SlfField extends (globalThis.HTMLElement ?? Object) {
     this.byId('fold').onclick = () => this.toggle('settings');
     this.byId('unroll').onclick = () => this.toggle('parts');
     this.explain = new Explain(this, this.byId);
-    this.handles = new Handles(this, this.byId);
+    this.handles = new CutPanel(this, this.byId);
     this.list = new StructureList(this.byId, (looks) => this.showLooks(looks));
     if (this.whole) this.readFragment();
     const poster = this.getAttribute('poster');

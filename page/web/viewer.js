@@ -3,7 +3,7 @@
 // Two loops run: drawing, which never waits for tiles, and following, which asks the GPU for the
 // tiles of the view and has them loaded.
 
-import {add, Camera, dot} from './camera.js';
+import {Camera} from './camera.js';
 import {Cut, planesOf} from './cut.js';
 import {Field} from './field.js';
 import {Loader} from './loader.js';
@@ -149,7 +149,8 @@ export class Viewer {
       [1, 3, 5].map((i) => parseInt(settings.background.slice(i, i + 2), 16) / 255);
     const level = Math.min(chosen, this.ceiling, field.shape.levels);
     const cut = this.cut?.active ? this.cut.uniforms(this.renderer) : undefined;
-    return {camera, mode: cut ? 'depth' : settings.mode, cut, background, exposure: Number(settings.exposure),
+    return {camera, mode: cut ? 'depth' : settings.mode, cut, background,
+            exposure: Number(settings.exposure),
             curve: field.radiance ? settings.curve : 'none', level, stamp: `${version} ${level}`};
   }
 
@@ -166,8 +167,8 @@ export class Viewer {
   }
   moves(now) { return now - this.movedAt < 200; }
 
-  // Shows what planes leave, and a cap on the faces: texts, as Cut has them. Until that can be drawn,
-  // the canvas keeps the picture.
+  // Shows what planes leave, and a cap on the faces: texts, as Cut has them. Until that can be
+  // drawn, the canvas keeps the picture.
   async showCut(clip, cap = '') {
     const planes = planesOf(clip), wanted = this.wanted = {}, opens = this.state === 'opening';
     if (planes.length > 0 && cap !== 'hollow') await this.cut.load();
@@ -243,11 +244,7 @@ export class Viewer {
   // Where a point, in radii from the sphere's centre, appears on the canvas, in CSS pixels, and how
   // far it is: along the axis of the view (`far`), and from the eye.
   project(point) {
-    const {canvas, camera} = this, {clientWidth: width, clientHeight: height} = canvas;
-    const {eye, forward, right, down, half} = camera.axes(width, height);
-    const to = add(point, eye, -1), far = dot(to, forward), scale = height / 2 / half / far;
-    return {x: width / 2 + scale * dot(to, right), y: height / 2 + scale * dot(to, down), far,
-            distance: Math.hypot(...to)};
+    return this.camera.project(point, this.canvas.clientWidth, this.canvas.clientHeight);
   }
   // What the picture shows at places on the canvas, in CSS pixels: points of the surface, in radii
   // from the sphere's centre, with their distance from the eye, or undefined.

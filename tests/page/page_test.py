@@ -2060,6 +2060,13 @@ globalThis.right = document.getElementById('a') instanceof SlfField;""")
                      '<meta property="og:image" content="https://example.org/brain/poster.jpg">',
                      '<meta name="description" content="What &quot;it&quot; shows">']:
             self.assertIn(head, html)
+        for url, image in [("https://example.org", "https://example.org/poster.jpg"),
+                           ("https://example.org/a/b.html", "https://example.org/a/poster.jpg")]:
+            slf("export", self.fields[0], "-o", folder, "-f", "--levels", "0", "--url", url)
+            with open(os.path.join(folder, "index.html")) as file:
+                self.assertIn(f'<meta property="og:image" content="{image}">', file.read())
+        slf("export", self.fields[0], "-o", folder, "-f", "--levels", "0", "--views",
+            path("about.json"))
         with Host(folder) as host:
             page = self.open(host.url + "/index.html")
             page.wait("globalThis.slf?.state === 'settled'")

@@ -154,6 +154,18 @@ class StudioTest(unittest.TestCase):
             page.run("document.querySelector('[data-axis=\"1\"]').click()")
             self.set(page, "[aria-label='Place of plane 1']", "-0.2")
             self.fine(page)
+            place = "Number(document.querySelector(\"[aria-label='Place of plane 1']\").value)"
+            knob = page.run("""(() => {
+              const {x, y, width} = document.querySelector('#handles circle')
+                .getBoundingClientRect();
+              return [x + width / 2, y + width / 2];
+            })()""")
+            self.mouse(page, [knob, (knob[0] + 8, knob[1] - 8), (knob[0] + 40, knob[1] - 40)])
+            dragged = page.run(place)
+            self.assertNotAlmostEqual(dragged, -0.2, delta=0.02)
+            page.call("Input.dispatchKeyEvent", type="keyDown", key="ArrowDown")
+            self.assertAlmostEqual(page.run(place), dragged - 0.02, delta=0.006)
+            self.fine(page)
             page.run("document.getElementById('undo').click()")
             page.run("document.getElementById('redo').click()")
             page.run("document.getElementById('picture').focus()")
@@ -285,6 +297,34 @@ class StudioTest(unittest.TestCase):
                                                "orbit": [30, 20, 3, 0, 0, 0]})
             self.assertEqual(status, 422)
             self.assertIn("visible", json.loads(said)["error"])
+
+    def test_files_of_states_are_those_that_the_recipe_named(self):
+        os.makedirs(path("made"))
+        self.addCleanup(shutil.rmtree, path("made"))
+        colors = [{"Name": "c", "ColorSpace": "RGB", "RGBPoints": [0, 1, 0, 0, 255, 1, 0, 0],
+                   "Points": [100, 0, 0.5, 0, 130, 1, 0.5, 0]}]
+        for name in ["made/red.json", "other.json"]:
+            with open(path(name), "w") as file:
+                json.dump(colors, file)
+        states = [{"name": "a"}, {"name": "b", "transfer": "red.json"}]
+        with open(path("made/two.json"), "w") as file:
+            json.dump({"input": "../ball.nhdr", "quality": "draft", "states": states}, file)
+        with Studio("made/two.json", "-o", "two.slf") as studio:
+            state = studio.state()
+            self.assertEqual(studio.ask("save", {})[0], 200)
+            with open(path("two.recipe.json")) as file:
+                saved = json.load(file)
+            self.assertEqual([saved["input"], saved["states"][1]["transfer"]],
+                             ["ball.nhdr", "made/red.json"])
+            recipe = state["recipe"]
+            recipe["states"][1]["transfer"] = "other.json"
+            studio.ask("recipe", {"revision": state["revision"], "shown": state["shown"],
+                                  "recipe": recipe})
+            for what in ["save", "build", "forecast"]:
+                status, said = studio.ask(what, {})
+                self.assertEqual(status, 422)
+                self.assertIn("command line", json.loads(said)["error"])
+        slf("build", path("two.recipe.json"), "-o", path("two.slf"), "--dry-run")
 
     def test_labels_have_colours_and_opacities(self):
         self.make_atlas()

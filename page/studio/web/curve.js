@@ -2,9 +2,10 @@
 // is the JSON that slf reads (ParaView's): `Points` has a value, an opacity, a midpoint and a
 // sharpness of each, `RGBPoints` a value and a colour. Here a point has both.
 
-const hex = (rgb) =>
-  '#' + rgb.map((c) => Math.round(255 * c).toString(16).padStart(2, '0')).join('');
-const parts = (text) => [1, 3, 5].map((i) => parseInt(text.slice(i, i + 2), 16) / 255);
+export const hex = (color) =>
+  '#' + color.map((c) => Math.round(255 * c).toString(16).padStart(2, '0')).join('');
+export const rgb = (text) =>
+  [1, 3, 5].map((i) => Number((parseInt(text.slice(i, i + 2), 16) / 255).toFixed(4)));
 const mix = (a, b, t) => a + t * (b - a);
 const short = (v) => String(Number(v.toPrecision(5)));
 
@@ -173,7 +174,7 @@ export class Curve {
         field('number', short(p.opacity), 'Opacity', (text) => {
           p.opacity = Math.min(Math.max(number(text, p.opacity), 0), 1);
         }),
-        field('color', hex(p.color), 'Colour', (text) => { p.color = parts(text); }), remove);
+        field('color', hex(p.color), 'Colour', (text) => { p.color = rgb(text); }), remove);
       return row;
     }));
   }

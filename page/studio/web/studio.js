@@ -3,8 +3,10 @@
 
 import {add, Camera, dot} from '../../web/camera.js';
 import {attach} from '../../web/controls.js';
+import {planesOf} from '../../web/cut.js';
+import {Handles, kHandleStyle} from '../../web/handle.js';
 import {sleep} from '../../web/media.js';
-import {Curve} from './curve.js';
+import {Curve, hex, rgb} from './curve.js';
 
 const kRest = 160;      // milliseconds without a change after which nothing moves
 const kDirect = 2;      // of Stage in caster.h
@@ -172,7 +174,7 @@ async function draw() {
                                        last: header('Last') === '1', at: performance.now()});
       if (shown.stage >= kDirect && !state.box) await load();
       if (complete) tellForecast();
-      showHandle();
+      handles.place();
       turnField();
     } catch (error) {
       if (error.name === 'AbortError') continue;
@@ -322,12 +324,13 @@ showBall(0, 0);
 
 // ---- planes -------------------------------------------------------------------------------------
 
+const rounded = (v) => Number(v.toPrecision(7));
 const planes = () => (merged().clip ?? []).map((plane) => [...plane]);
 const setPlanes = (all, moving) => set('clip', all.length > 0 ? all : undefined, moving);
 // The ends of a plane's way through the sphere, along its normal.
 const along = (plane) => dot(add(plane.slice(0, 3), sphere, -1), plane.slice(3)) / sphere[3];
 const shifted = (plane, to) => [...add(sphere.slice(0, 3), plane.slice(3), to * sphere[3]),
-                                ...plane.slice(3)].map((v) => Number(v.toPrecision(7)));
+                                ...plane.slice(3)].map(rounded);
 for (const button of document.querySelectorAll('[data-axis]'))
   button.onclick = () => {
     const normal = [0, 0, 0];
@@ -341,7 +344,7 @@ function showPlanes() {
       const all = planes();
       all[k] = change(all[k]);
       setPlanes(all, moving);
-      showHandle();
+      handles.place();
     };
     const slider = make('input', {
       type: 'range', min: -1, max: 1, step: 0.005, value: along(plane)});
@@ -365,46 +368,25 @@ function showPlanes() {
     }});
     return make('div', {}, slider, numbers, make('p', {className: 'row'}, flip, remove));
   }));
-  showHandle();
+  handles.place();
 }
-// The arrow of the last plane, from its point along its normal, which is dragged along that.
-const handle = byId('handle'), knob = handle.querySelector('circle');
-function project(point) {
-  const {clientWidth: w, clientHeight: h} = picture;
-  const {eye, forward, right, down, half} = camera.axes(w, h);
-  const to = add(add(point, sphere, -1).map((v) => v / sphere[3]), eye, -1), z = dot(to, forward);
-  const scale = h / 2 / half / z;
-  return [w / 2 + dot(to, right) * scale, h / 2 + dot(to, down) * scale];
+// Their handles in the picture.
+class PlaneHandles extends Handles {
+  get planes() { return planesOf(planes()); }
+  set(all, moving) {
+    setPlanes(all.map(({point, normal}) => [...point, ...normal].map(rounded)), moving);
+    if (moving) this.place();
+    else showPlanes();
+  }
+  get sphere() { return {center: sphere.slice(0, 3), radius: sphere[3]}; }
+  get camera() { return camera; }
+  get canvas() { return picture; }
+  place() { if (sphere[3] > 0) super.place(); }
 }
-function showHandle() {
-  const plane = planes().at(-1);
-  handle.toggleAttribute('hidden', !plane || sphere[3] === 0);
-  if (handle.hasAttribute('hidden')) return;
-  const length = Math.hypot(...plane.slice(3)), point = plane.slice(0, 3);
-  const tip = add(point, plane.slice(3), 0.35 * sphere[3] / length);
-  const [x1, y1] = project(point), [x2, y2] = project(tip);
-  for (const [name, value] of Object.entries({x1, y1, x2, y2}))
-    handle.firstElementChild.setAttribute(name, value);
-  knob.setAttribute('cx', x2);
-  knob.setAttribute('cy', y2);
-  knob.onpointerdown = (event) => {
-    knob.setPointerCapture(event.pointerId);
-    const begin = [event.clientX, event.clientY], [dx, dy] = [x2 - x1, y2 - y1];
-    const move = (e, moving) => {
-      const t = ((e.clientX - begin[0]) * dx + (e.clientY - begin[1]) * dy) /
-                (dx * dx + dy * dy || 1);
-      setPlanes([...planes().slice(0, -1),
-                 [...add(point, plane.slice(3), 0.35 * t * sphere[3] / length), ...plane.slice(3)]
-                   .map((v) => Number(v.toPrecision(7)))], moving);
-    };
-    knob.onpointermove = (e) => move(e, true);
-    knob.onpointerup = (e) => {
-      knob.onpointermove = knob.onpointerup = null;
-      move(e, false);
-      showPlanes();
-    };
-  };
-}
+const handles = new PlaneHandles(byId('handles'));
+const handleSheet = new CSSStyleSheet();
+handleSheet.replaceSync(kHandleStyle);
+document.adoptedStyleSheets = [handleSheet];
 
 // ---- labels, states, views ----------------------------------------------------------------------
 
@@ -419,15 +401,12 @@ function showLabels() {
     const chosen = labels.filter((_, k) => boxes[k].checked).map(({id}) => id);
     set('only_labels', chosen.length === labels.length ? undefined : chosen);
   };
-  const hex = (color) => '#' + color.map(
-    (v) => Math.round(255 * v).toString(16).padStart(2, '0')).join('');
   byId('labels').replaceChildren(...labels.map(({id, name, color, opacity}, k) => {
     const edit = (members, moving) => set('label_table', {
       labels: (merged().label_table?.labels ?? labels).map(
         (label) => label.id === id ? {...label, ...members} : label)}, moving);
     const paint = make('input', {type: 'color', value: hex(color), ariaLabel: `Colour of ${name}`});
-    paint.oninput = () => edit({color: [1, 3, 5].map(
-      (at) => Number((parseInt(paint.value.slice(at, at + 2), 16) / 255).toFixed(4)))}, true);
+    paint.oninput = () => edit({color: rgb(paint.value)}, true);
     const fade = make('input', {type: 'range', min: 0, max: 1, step: 0.05, value: opacity,
                                 ariaLabel: `Opacity of ${name}`});
     fade.oninput = () => edit({opacity: Number(fade.value)}, true);
