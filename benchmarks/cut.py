@@ -2,11 +2,13 @@
 """Cuts through fields: what they lay open, beside ray-casting the volume with the same plane.
 
   benchmarks/cut.py NAME=VOLUME[:OPTION=VALUE...]... [--folder cut-benchmark] [--planes 5]
-      [--views 8] [--size 160] [--built] [--sheet FILE.png] [-- BUILD-OPTION=VALUE...]
+      [--views 8] [--size 160] [--loss 0] [--built]
+      [--sheet FILE.png] [-- BUILD-OPTION=VALUE...]
 
 as `brain=ch2bet.nii.gz:transfer=brain.json atlas=labels.nii.gz:labels=true`. Options are settings
-of slf.build(), as JSON or text. Each field has a reveal, and planes through the centre of its
-sphere: three along the axes and two oblique ones. A picture is exposed where the first hit with the
+of slf.build(), as JSON or text. Each field has a reveal. The first five planes go through the
+centre of its sphere, three along the axes and two oblique ones; more have other directions, and up
+to a quarter of the radius from it. A picture is exposed where the first hit with the
 plane is deeper than without it. For each cap it prints the PSNR of exposed pixels, pooled over the
 views of a plane, then of all pixels, each the mean over the planes; for the uncut field that of all
 pixels, and that of the copy ray-cast alone, without the field; and the time of a cut view over that
@@ -18,6 +20,7 @@ import argparse
 import json
 import os
 import pathlib
+import subprocess
 import sys
 import time
 
@@ -25,8 +28,20 @@ import numpy as np
 
 import slf
 
-NORMALS = ((1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 1), (1, -1, 0.5))
 CAPS = ("shaded", "coarse", "hollow")
+
+
+def planes_of(center, radius, count):
+    """Points and normals."""
+    normals = [(1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 1), (1, -1, 0.5)][:count]
+    planes = [(tuple(center), normal) for normal in normals]
+    for k in range(len(planes), count):  # along a spiral on the sphere
+        z = 1 - (2 * k + 1) / count
+        angle, flat = 2.4 * k, np.sqrt(1 - z * z)
+        normal = np.array((flat * np.cos(angle), flat * np.sin(angle), z))
+        point = np.asarray(center) + 0.25 * radius * np.sin(1.7 * k) * normal
+        planes.append((tuple(point), tuple(normal)))
+    return planes
 
 
 def settings_of(texts):
@@ -74,7 +89,8 @@ def seconds(draw):
 def run_case(name, volume, settings, build, options):
     folder = pathlib.Path(options.folder)
     lit = {} if settings.get("lighting") == "direct" else {"light_file": folder / f"{name}.light"}
-    field = slf.build(volume, folder / f"{name}.slf", reveal=192, **settings, **build, **lit)
+    field = slf.build(volume, folder / f"{name}.slf", reveal=192, reveal_loss=options.loss,
+                      **settings, **build, **lit)
     center, radius = field.sphere
     size = (options.size, options.size)
     cameras = [field.camera(slf.orbit(360 * k / options.views + 20, 50 * np.sin(2.4 * k), 3), size)
@@ -82,6 +98,9 @@ def run_case(name, volume, settings, build, options):
     whole = [slf.raycast(volume, camera, size, depth=True, **settings, **lit)
              for camera in cameras]
     values, affine = field.reveal()
+    said = subprocess.run([os.environ.get("SLF_COMMAND", "slf"), "info", field.path, "--json"],
+                          capture_output=True, check=True).stdout
+    reveal_bytes = json.loads(said)["reveal"]["bytes"]
     shown = {key: value for key, value in settings.items() if key not in ("crop", "spacing")}
     uncut, alone = Errors(), Errors()
     for camera, truth in zip(cameras, whole):
@@ -92,8 +111,7 @@ def run_case(name, volume, settings, build, options):
     ways = CAPS + ("built",) * options.built
     found = {way: [] for way in ways}
     times, pictures = [], []
-    for number, normal in enumerate(NORMALS[:options.planes]):
-        plane = (tuple(center), normal)
+    for number, plane in enumerate(planes_of(center, radius, options.planes)):
         cut = {"clip": [[*plane[0], *plane[1]]]}
         own = lit and {"light_file": folder / f"{name}-{number}.light"}
         errors = {way: Errors() for way in ways}
@@ -122,7 +140,7 @@ def run_case(name, volume, settings, build, options):
     print(json.dumps({"name": name, "uncut": round(uncut.psnr()[1], 2),
                       "copy alone": round(alone.psnr()[1], 2), "exposed, all": kept,
                       "payload_bytes": field.content().payload_bytes,
-                      "light_bytes": lit and os.path.getsize(lit["light_file"]),
+                      "reveal_bytes": reveal_bytes, "light_bytes": lit and os.path.getsize(lit["light_file"]),
                       "time": [round(float(t), 2) for t in times],
                       "reveal_voxels": list(field.reveal()[0].shape[::-1])}), flush=True)
     return pictures, 2 + len(ways)
@@ -136,6 +154,7 @@ def main():
     parser.add_argument("--planes", type=int, default=5)
     parser.add_argument("--views", type=int, default=8)
     parser.add_argument("--size", type=int, default=160)
+    parser.add_argument("--loss", type=int, default=0)
     parser.add_argument("--built", action="store_true")
     parser.add_argument("--sheet")
     words = sys.argv[1:]

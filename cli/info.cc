@@ -22,18 +22,21 @@ struct RevealInfo {
   std::uint64_t bytes = 0;  ///< 0: there is none, or it is damaged
   std::array<std::uint32_t, 3> dims{};
   bool labels = false;
+  std::uint32_t loss = 0;
 
   static RevealInfo of(const Field& field) {
     const auto code = field.file().reveal();
     if (code && code->empty()) return {};
     const auto head = code ? decode_reveal(*code, RevealPart::head) : tl::unexpected(code.error());
     if (!head) note(field.path() + ": " + head.error().message);
-    return head ? RevealInfo{code->size(), head->dims, !head->ids.empty()} : RevealInfo();
+    return head ? RevealInfo{code->size(), head->dims, !head->ids.empty(), head->loss}
+                : RevealInfo();
   }
   void describe(auto& member) const {
     member("bytes", bytes, "");
     member("dims", dims, "voxels along x, y, z");
     member("labels", labels, "whether it holds ids");
+    member("loss", loss, "by how much its bytes may be off");
   }
 };
 
@@ -63,8 +66,10 @@ nlohmann::json recipe_json(const Field& field) {
                  {"codec", field.codec()},
                  {"depth", field.has_depth()},
                  {"color_type", is_half(field.format()) ? "half" : "u8"}});
-  if (const auto reveal = RevealInfo::of(field); reveal.bytes > 0)
+  if (const auto reveal = RevealInfo::of(field); reveal.bytes > 0) {
     recipe["reveal"] = std::max(16u, *std::ranges::max_element(reveal.dims));
+    if (reveal.loss > 0) recipe["reveal_loss"] = reveal.loss;
+  }
   if (recipe.contains("each_label") || recipe.contains("each_time")) return recipe;
   for (std::size_t k = 0; k < states.size(); ++k) {
     const nlohmann::json own = recipe_of(*field.in_state(static_cast<unsigned>(k)));
@@ -175,9 +180,9 @@ void print_field(const Field& field, const FieldContent& content) {
           light->contains("environment") ? "an environment picture and the lights of " : "rig ",
           lighting.rig.name, lighting.samples);
   }
-  if (const auto [bytes, dims, labels] = RevealInfo::of(field); bytes > 0)
-    print("reveal  {}x{}x{} {}, {}\n", dims[0], dims[1], dims[2], labels ? "labels" : "bytes",
-          human_bytes(bytes));
+  if (const auto [bytes, dims, labels, loss] = RevealInfo::of(field); bytes > 0)
+    print("reveal  {}x{}x{} {}{}, {}\n", dims[0], dims[1], dims[2], labels ? "labels" : "bytes",
+          loss > 0 ? fmt::format(" within {}", loss) : "", human_bytes(bytes));
   const std::vector<std::string> states = field.states();
   for (std::size_t state = 0; state < states.size(); ++state)
     print("state   {}: {}\n", state, states[state]);

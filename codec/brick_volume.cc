@@ -70,19 +70,21 @@ class Before {
   int low_ = 0, high_ = 0, predicted_ = 0;
 };
 
-/// Codes the voxels of a brick in order, but for those of the coarse volume if they are `known`.
-/// Coder is RangeEncoder or RangeDecoder.
+/// Codes the voxels of a brick in order, but for those of the coarse volume if they are `known`,
+/// and sets them to what a decoder finds. Coder is RangeEncoder or RangeDecoder.
 template <class Coder>
 void code_brick(Coder coder, const Dims& dims, const Dims& begin, const Dims& end, bool known,
-                std::uint8_t* voxels) {
+                int loss, std::uint8_t* voxels) {
+  const int step = 2 * loss + 1;
   const auto models = std::make_unique<ResidualModels>();
   for_each_voxel(begin, end, [&](const Dims& at) {
     if (known && is_coarse(at)) return;
     std::uint8_t& voxel = voxels[number_of(dims, at)];
     const Before before(&voxel, dims, begin, at);
-    voxel = static_cast<std::uint8_t>(
-        before.predicted() +
-        code_residual(coder, *models, before.context(), voxel - before.predicted()));
+    const int difference = voxel - before.predicted();
+    const int steps = (difference + (difference < 0 ? -loss : loss)) / step;
+    const int coded = code_residual(coder, *models, before.context(), steps);
+    voxel = static_cast<std::uint8_t>(std::clamp(before.predicted() + step * coded, 0, 255));
   });
   if constexpr (requires { coder.finish(); }) coder.finish();
 }
@@ -107,15 +109,16 @@ Result<void> for_each_brick(const Dims& dims, unsigned threads, const Work& work
 
 /// The sizes of the bricks' codes, and the codes. Of a brick that has the value of its first voxel,
 /// which is `known`, there is none.
-Result<Bytes> encode_bricks(const Dims& dims, std::vector<std::uint8_t> voxels, bool known,
-                            unsigned threads) {
+Result<Bytes> encode_bricks(const Dims& dims, std::vector<std::uint8_t>& voxels, bool known,
+                            int loss, unsigned threads) {
   std::vector<Bytes> codes(count_of(divided(dims, kVolumeBrick)));
   SLF_TRY(for_each_brick(dims, threads, [&](auto number, const Dims& begin, const Dims& end) {
     bool equal = known;
     for_each_voxel(begin, end, [&](const Dims& at) {
       equal = equal && voxels[number_of(dims, at)] == voxels[number_of(dims, begin)];
     });
-    if (!equal) code_brick(RangeEncoder(codes[number]), dims, begin, end, known, voxels.data());
+    if (!equal)
+      code_brick(RangeEncoder(codes[number]), dims, begin, end, known, loss, voxels.data());
   }));
   Bytes out;
   for (const Bytes& code : codes) append_le(out, static_cast<std::uint32_t>(code.size()));
@@ -124,8 +127,8 @@ Result<Bytes> encode_bricks(const Dims& dims, std::vector<std::uint8_t> voxels, 
 }
 
 /// Decodes them into `voxels`, and removes them from the front of `coded`.
-Result<void> decode_bricks(const Dims& dims, ByteSpan& coded, bool known, unsigned threads,
-                           std::uint8_t* voxels) {
+Result<void> decode_bricks(const Dims& dims, ByteSpan& coded, bool known, int loss,
+                           unsigned threads, std::uint8_t* voxels) {
   const std::size_t count = count_of(divided(dims, kVolumeBrick));
   const auto damaged = [] { return fail(ErrorCode::bad_file, "its bricks are damaged"); };
   if (coded.size() / 4 < count) return damaged();
@@ -139,7 +142,7 @@ Result<void> decode_bricks(const Dims& dims, ByteSpan& coded, bool known, unsign
   }
   SLF_TRY(for_each_brick(dims, threads, [&](auto number, const Dims& begin, const Dims& end) {
     if (!codes[number].empty())
-      return code_brick(RangeDecoder(codes[number]), dims, begin, end, known, voxels);
+      return code_brick(RangeDecoder(codes[number]), dims, begin, end, known, loss, voxels);
     for_each_voxel(begin, end, [&](const Dims& at) {
       voxels[number_of(dims, at)] = voxels[number_of(dims, begin)];
     });
@@ -161,26 +164,27 @@ void for_each_coarse(const Dims& dims, const Visit& visit) {
 
 }  // namespace
 
-Result<Bytes> encode_volume(const Dims& dims, ByteSpan voxels, unsigned threads) {
+Result<Bytes> encode_volume(const Dims& dims, ByteSpan voxels, int loss, unsigned threads) {
   const auto* first = reinterpret_cast<const std::uint8_t*>(voxels.data());
+  std::vector<std::uint8_t> all(first, first + voxels.size());
   const Dims coarse_dims = divided(dims, kCoarseStep);
   std::vector<std::uint8_t> coarse(count_of(coarse_dims));
-  for_each_coarse(dims, [&](std::size_t to, std::size_t from) { coarse[to] = first[from]; });
-  Bytes out = SLF_TRY(encode_bricks(coarse_dims, std::move(coarse), false, threads));
-  const Bytes fine =
-      SLF_TRY(encode_bricks(dims, {first, first + voxels.size()}, /*known=*/true, threads));
+  for_each_coarse(dims, [&](std::size_t to, std::size_t from) { coarse[to] = all[from]; });
+  Bytes out = SLF_TRY(encode_bricks(coarse_dims, coarse, /*known=*/false, loss, threads));
+  for_each_coarse(dims, [&](std::size_t from, std::size_t to) { all[to] = coarse[from]; });
+  const Bytes fine = SLF_TRY(encode_bricks(dims, all, /*known=*/true, loss, threads));
   out.insert(out.end(), fine.begin(), fine.end());
   return out;
 }
 
-Result<Bytes> decode_volume(const Dims& dims, ByteSpan coded, unsigned threads) {
+Result<Bytes> decode_volume(const Dims& dims, ByteSpan coded, int loss, unsigned threads) {
   const Dims coarse_dims = divided(dims, kCoarseStep);
   std::vector<std::uint8_t> coarse(count_of(coarse_dims));
-  SLF_TRY(decode_bricks(coarse_dims, coded, false, threads, coarse.data()));
+  SLF_TRY(decode_bricks(coarse_dims, coded, /*known=*/false, loss, threads, coarse.data()));
   Bytes voxels(count_of(dims));
   auto* const first = reinterpret_cast<std::uint8_t*>(voxels.data());
   for_each_coarse(dims, [&](std::size_t from, std::size_t to) { first[to] = coarse[from]; });
-  SLF_TRY(decode_bricks(dims, coded, /*known=*/true, threads, first));
+  SLF_TRY(decode_bricks(dims, coded, /*known=*/true, loss, threads, first));
   if (!coded.empty()) return fail(ErrorCode::bad_file, "bytes follow its last brick");
   return voxels;
 }

@@ -12,8 +12,8 @@
 namespace slf {
 namespace {
 
-constexpr std::uint32_t kMagic = 0x31564c53;       // "SLV1"
-constexpr std::uint32_t kLabels = 1, kMasked = 2;  // flags
+constexpr std::uint32_t kMagic = 0x31564c53;                       // "SLV1"
+constexpr std::uint32_t kLabels = 1, kMasked = 2, kLossShift = 8;  // flags
 constexpr std::size_t kMaxText = 1024, kMaxIds = 256;
 
 /// What a reveal has before its voxels, in order: File is Output or Input.
@@ -85,6 +85,7 @@ const char* fault_of(const Reveal& reveal, bool labels) {
     for (const double id : *ids) sum += std::abs(id);
   if (!std::isfinite(sum)) return "a number that is not finite";
   if (labels == reveal.ids.empty()) return "its ids";
+  if (reveal.loss > (labels ? 0 : Reveal::kMaxLoss)) return "its loss";
   if (!(reveal.low < reveal.high && reveal.greys[0] < reveal.greys[1] && reveal.gradient > 0 &&
         reveal.unit > 0))
     return "its range of values";
@@ -113,17 +114,19 @@ const char* fault_of_voxels(const Reveal& reveal) {
 Result<std::vector<std::byte>> encode(const Reveal& reveal, unsigned threads) try {
   const char* fault = fault_of(reveal, !reveal.ids.empty());
   if (!fault) fault = fault_of_voxels(reveal);
-  if (fault || reveal.content.size() > kMaxText)
-    return fail(ErrorCode::usage, "no reveal can have ", fault ? fault : "its content");
+  if (!fault && reveal.content.size() > kMaxText) fault = "its content";
+  if (fault) return fail(ErrorCode::usage, "no reveal can have ", fault);
   Output out;
   Reveal head = reveal;
   head.voxels.clear(), head.parts.clear();
-  std::uint32_t flags = (reveal.ids.empty() ? 0 : kLabels) | (reveal.masked ? kMasked : 0);
+  std::uint32_t flags = (reveal.ids.empty() ? 0 : kLabels) | (reveal.masked ? kMasked : 0) |
+                        reveal.loss << kLossShift;
   out.value(kMagic);
   code_head(out, head, flags);
   for (const auto* layer : {&reveal.voxels, &reveal.parts}) {
     Bytes coded;
-    if (!layer->empty()) coded = SLF_TRY(codec::encode_volume(reveal.dims, *layer, threads));
+    const int loss = layer == &reveal.voxels ? static_cast<int>(reveal.loss) : 0;
+    if (!layer->empty()) coded = SLF_TRY(codec::encode_volume(reveal.dims, *layer, loss, threads));
     out.value(static_cast<std::uint32_t>(coded.size()));
     out.bytes.insert(out.bytes.end(), coded.begin(), coded.end());
   }
@@ -146,6 +149,7 @@ Result<Reveal> decode_reveal(std::span<const std::byte> code, RevealPart part,
   std::uint32_t flags = 0;
   code_head(in, reveal, flags);
   if (in.damaged) return damaged("its head");
+  reveal.loss = flags >> kLossShift & 0xFF;
   if (const char* fault = fault_of(reveal, (flags & kLabels) != 0)) return damaged(fault);
   reveal.masked = (flags & kMasked) != 0;
   if (part == RevealPart::head) return reveal;
@@ -153,7 +157,8 @@ Result<Reveal> decode_reveal(std::span<const std::byte> code, RevealPart part,
     const auto size = in.take<std::uint32_t>();
     if (in.damaged || size > in.rest.size()) return damaged("it ends too early");
     if (size > 0) {
-      auto voxels = codec::decode_volume(reveal.dims, in.rest.first(size), threads);
+      const int loss = layer == &reveal.voxels ? static_cast<int>(reveal.loss) : 0;
+      auto voxels = codec::decode_volume(reveal.dims, in.rest.first(size), loss, threads);
       if (!voxels && voxels.error().code == ErrorCode::bad_file)
         return damaged(voxels.error().message.c_str());
       if (!voxels) return tl::unexpected(voxels.error());

@@ -24,7 +24,8 @@ struct RevealOptions {
   /// Values to keep, all of them, in the volume's units. None: voxels that touch nothing visible
   /// are left out.
   std::optional<std::array<double, 2>> window{};
-  unsigned threads = 0;  ///< 0: all
+  std::uint32_t loss = 0;  ///< Reveal::loss, of amounts
+  unsigned threads = 0;    ///< 0: all
 };
 
 /// The reveal of the volume of the first scene, as far as any of the scenes shows it that are of

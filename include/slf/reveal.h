@@ -17,7 +17,7 @@ namespace slf {
 
 /// How each value is shown is not in it, but in the provenance of each state of the field.
 struct Reveal {
-  static constexpr std::uint32_t kMaxSide = 512;
+  static constexpr std::uint32_t kMaxSide = 512, kMaxLoss = 16;
 
   std::array<std::uint32_t, 3> dims{};  ///< 2 to kMaxSide
   glm::dvec3 origin{0.0};               ///< world position of the first voxel's centre
@@ -25,9 +25,10 @@ struct Reveal {
   double low = 0, high = 1;             ///< the values of bytes 0 and 255
   /// What a slice shows by default as black, below which it shows nothing, and as white.
   std::array<double, 2> greys{0, 1};
-  double gradient = 1;              ///< RaycastOptions::surface_gradient of the volume
-  double unit = 1;                  ///< the smallest distance between the volume's own voxels
-  std::vector<double> ids{};        ///< of a volume of labels: what each byte stands for
+  double gradient = 1;        ///< RaycastOptions::surface_gradient of the volume
+  double unit = 1;            ///< the smallest distance between the volume's own voxels
+  std::vector<double> ids{};  ///< of a volume of labels: what each byte stands for
+  std::uint32_t loss = 0;     ///< by how much its code changes bytes of amounts, 0 to kMaxLoss
   std::vector<std::byte> voxels{};  ///< x fastest, then y, then z
   /// The structure of each voxel: 0, or 1 + the number of its id. None: the volume has no parts.
   std::vector<std::byte> parts{};

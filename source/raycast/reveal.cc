@@ -290,6 +290,7 @@ Result<Reveal> make_reveal(std::span<const Scene* const> scenes, const RevealOpt
     if (hidden) SLF_TRY(leave_out_removed(of, grid, *hidden, options.threads, reveal));
     return reveal;
   }
+  reveal.loss = options.loss;
   Visible visible;
   if (!first.grid.rows.empty()) SLF_TRY(copy_parts(of, grid, options.threads, visible, reveal));
   reveal.gradient =

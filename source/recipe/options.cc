@@ -478,6 +478,11 @@ std::vector<Option> make_options() {
                "that touch nothing visible",
                [](auto& r) -> auto& { return r.reveal_window; }))
       .needs = "reveal";
+  add_rare(row(
+               "reveal_loss", kReveal, whole(0, Reveal::kMaxLoss),
+               "By how much the copy's bytes may be off, of 255; 2 takes half the bytes",
+               [](auto& r) -> auto& { return r.reveal_loss; }))
+      .needs = "reveal";
   return all;
 }
 

@@ -24,6 +24,7 @@ Result<std::array<double, 2>> window_of(const std::string& text) {
 Result<RevealOptions> options_of(const Recipe& recipe) {
   RevealOptions options;
   options.side = recipe.reveal.value_or(options.side);
+  options.loss = recipe.reveal_loss;
   options.threads = recipe.light_volume.threads;
   if (recipe.reveal_window == "visible") return options;
   const auto window = window_of(recipe.reveal_window);
