@@ -316,7 +316,7 @@ export class SlfField extends (globalThis.HTMLElement ?? Object) {
     }
     if (url.protocol === 'file:') return fileSource(await this.chosenFile());
     return new HttpSource(url, {
-      signal, small: this.whole,
+      signal, small: this.whole, stores: !this.hasAttribute('own'),
       // The tiles of the first picture, as the exporter found them.
       first: given || this.turned ? [] : (this.getAttribute('first') ?? '').split(' ')
         .filter(Boolean).map((range) => range.split('-').map(Number)),

@@ -78,6 +78,7 @@ export class Reader {
     try {
       pages = this.field.references(tile, checksum, payload);
     } catch {
+      this.field.source.store?.clear();  // the host may send it undamaged
       return;
     }
     const tileOf = (page) => this.cache.get(page) ?? held.get(page);

@@ -14,14 +14,13 @@ const kMaxWhole = 64 << 20;      // bytes of a field that is fetched whole, with
 const kAtOnce = 32;              // requests under way
 
 // Requests for single ranges
-const kGap = 4 << 10;            // smaller gaps between ranges cost less than a request
-const kMaxGap = 256 << 10;       // larger gaps are never fetched
-const kRangesPerRequest = 12;    // one more request is allowed for each so many ranges,
-const kMaxRequests = 28;         // up to so many for what is asked for together
+const kPerMinute = 40;           // some archives refuse more than 60,
+const kShare = 0.75;             // of what is left of these, for what is asked for together,
+const kRangesPerRequest = 12;    // but no more than one for so many ranges
+const kThrough = 2;              // bytes of gaps that are fetched for each byte that is asked for,
+const kThroughAny = 128 << 10;   // and so many more
 const kKept = 16 << 20;          // bytes of answers that are kept, because they have gaps in them
-
-// Requests for single ranges that share a connection
-const kMaxShared = 600;          // at a time; browsers refuse several thousand
+const kStored = 256 << 20;       // bytes of answers that the browser stores for later visits
 
 // These, and requests for several ranges
 const kPartHead = 160;           // bytes that each range costs in the head of an answer
@@ -44,15 +43,18 @@ const kCutShort = 'The host cut an answer short.';
 
 // A file on a host of static files, read by ranges. Without ranges, a small file is fetched whole.
 export class HttpSource {
-  // Requests end once `signal` is aborted. `small`: style.css is on the same host. `first`: the
-  // ranges that readAll() will be asked for first. `onProgress(done, total)` is called while a file
-  // is fetched whole; NaN: the total is unknown. `onError(error)`: the file has changed after parts
-  // of it were read. `onWait(waits)`: the host is silent, or answers again.
-  constructor(url, {signal, small = true, first = [], onProgress, onError, onWait} = {}) {
+  // Requests end once `signal` is aborted. `small`: style.css is on the same host. `stores`: the
+  // browser stores what was read for later visits. `first`: the ranges that readAll() will be asked
+  // for first. `onProgress(done, total)` is called while a file is fetched whole; NaN: the total is
+  // unknown. `onError(error)`: the file has changed after parts of it were read. `onWait(waits)`:
+  // the host is silent, or answers again.
+  constructor(url, {signal, small = true, stores = true, first = [], onProgress, onError,
+                    onWait} = {}) {
     this.url = new URL(url, document.baseURI);
-    Object.assign(this, {signal, small, first, onProgress, onError, onWait});
+    Object.assign(this, {signal, small, stores, first, onProgress, onError, onWait});
     this.bytes = this.requests = 0;
     this.roundTrips = 0;  // the longest chain of answers, each before the next request
+    this.times = [];      // of the requests of the last minute
     this.kept = [];       // answers with bytes that were not asked for, the oldest first
     this.wants = [];      // the ranges that load() will request
     this.early = new Map();  // promises of the bytes of `first`, by range
@@ -78,6 +80,8 @@ export class HttpSource {
       this.kept.push(start);  // it has all that readAll() will be asked for
     }
     this.size = start.parts[0].total ?? await this.length();
+    const strong = this.tag?.startsWith('"');
+    if (strong && this.stores) this.store = new Store(this.url, this.tag);
     // Without several ranges in an answer, these would cost many requests.
     const first = this.several ? this.first.filter(([, end]) => end <= this.size) : [];
     this.readAll(first).forEach((bytes, i) => this.early.set(String(first[i]), bytes));
@@ -92,7 +96,6 @@ export class HttpSource {
         if (!bytes) throw new Error(kCutShort);
         return {begin, bytes};
       });
-    const strong = this.tag?.startsWith('"');
     this.check = start.whole || strong ? () => {} : () => Promise.all(
       ends.map(({begin, bytes}) => this.compare(begin, bytes, begin ? kFooter : kStart)));
     return ends;
@@ -127,11 +130,18 @@ export class HttpSource {
     });
   }
   // Fetches together what several calls of readAll() have asked for.
-  load() {
+  async load() {
     const wants = this.wants.sort((a, b) => a.begin - b.begin);
     this.wants = [];
-    const load = this.several ? this.readSeveral(wants) : this.readSingly(wants);
-    load.then(() => this.check?.(), (error) => wants.forEach((want) => want.failed(error)));
+    try {
+      await this.store?.take(wants);
+      const absent = wants.filter((want) => !want.came);
+      if (absent.length === 0) return;
+      await (this.several ? this.readSeveral(absent) : this.readSingly(absent));
+      this.check?.();
+    } catch (error) {
+      wants.forEach((want) => want.failed(error));
+    }
   }
   async readSeveral(wants) {
     await Promise.all(grouped(wants).map(async (group) => {
@@ -146,9 +156,7 @@ export class HttpSource {
   async readSingly(wants) {
     for (const answer of this.kept) settle(wants, answer);
     const absent = wants.filter((want) => !want.came);
-    const ranges = this.multiplexes() ? inFewRequests(absent, kPartHead, kMaxShared)
-      : inFewRequests(absent, kGap,
-                      Math.min(Math.ceil(absent.length / kRangesPerRequest), kMaxRequests));
+    const ranges = inFewRequests(absent, this.allowed(absent.length));
     await Promise.all(ranges.map(async ([begin, end]) => {
       const within = absent.filter((want) => want.begin >= begin && want.end <= end);
       const answer = await this.ask(asText([[begin, end]]), (answer) => settle(within, answer));
@@ -156,12 +164,12 @@ export class HttpSource {
       if (within.length > 1) this.keep(answer);
     }));
   }
-  // Whether requests share a connection (HTTP/2, HTTP/3), so that many at once cost little. The
-  // browser tells the protocol of the page's own host, and of one that sends Timing-Allow-Origin.
-  multiplexes() {
-    return ['navigation', 'resource'].flatMap((kind) => performance.getEntriesByType(kind)).some(
-      ({name, nextHopProtocol}) => /^h[23]/.test(nextHopProtocol) &&
-                                   new URL(name).origin === this.url.origin);
+  // How many requests may fetch so many ranges, more or less.
+  allowed(ranges) {
+    const now = performance.now();
+    this.times = this.times.filter((time) => now - time < 60000);
+    const left = kShare * (kPerMinute - this.times.length);
+    return Math.max(2, Math.min(Math.ceil(ranges / kRangesPerRequest), Math.floor(left)));
   }
   // Keeps an answer: later calls may ask for bytes in the gaps that it fills.
   keep(answer) {
@@ -205,7 +213,8 @@ export class HttpSource {
       const refuse = (text) => { throw refusal = new Error(text); };
       try {
         ++this.requests;
-        // A browser's cache would split a range around the parts of it that it has.
+        this.times.push(performance.now());
+        // A browser's cache would split a range around the parts of it that it has. See Store.
         const response = await awaited(fetch(this.url, {
           headers: {Range: 'bytes=' + ranges}, cache: 'no-store', signal: stop.signal}));
         const {status, headers} = response, answer = new Answer(response, ranges, orWhole);
@@ -214,13 +223,17 @@ export class HttpSource {
           if ((this.tag ??= tag) !== tag)
             refuse(kChanged);
         }
+        this.stores &&= !/no-store/i.test(headers.get('Cache-Control') ?? '');
         for (const reader = answer.taken ? response.body.getReader() : undefined; reader;) {
           if (answer.whole && Math.max(answer.have, answer.length || 0) > kMaxWhole) {
             stop.abort();
             refuse(kTooLarge);
           }
           const {value, done} = await awaited(reader.read());
-          if (done) return answer;
+          if (done) {
+            this.store?.add(answer);
+            return answer;
+          }
           if (this.waits) this.onWait?.(this.waits = false);
           this.bytes += value.length;
           this.roundTrips = Math.max(this.roundTrips, trip);
@@ -345,12 +358,56 @@ class Answer {
     return false;
   }
 
+  // The part that has a range.
+  part(begin, end) {
+    return this.parts.find((p) => p && begin >= p.begin && end <= p.begin + p.size);
+  }
   // A copy of bytes of the file, if all have come.
   read(begin, end) {
-    const part = this.parts.find((p) => p && begin >= p.begin && end <= p.begin + p.size);
-    const from = part?.at + begin - part?.begin;
+    const part = this.part(begin, end), from = part?.at + begin - part?.begin;
     return from + end - begin <= this.have ? this.bytes.slice(from, from + end - begin) : undefined;
   }
+}
+
+// The answers that the browser keeps of one version of a field, in its Cache Storage, which pages
+// of https have. The address of each names its parts, so that these are known without reading it.
+class Store {
+  constructor(url, tag) {
+    Object.assign(this, {url, field: `slf ${url} `, tag, left: kStored});
+    this.answers = this.open().catch(() => []);
+  }
+  async open() {
+    for (const name of await caches.keys())
+      if (name.startsWith(this.field) && name !== this.field + this.tag) caches.delete(name);
+    this.cache = await caches.open(this.field + this.tag);
+    return (await this.cache.keys()).map((key) => {
+      const answer = Object.create(Answer.prototype);
+      answer.parts = new URL(key.url).search.slice(1).split(',').map((text) => {
+        const [begin, size, at] = text.split('-').map(Number);
+        this.left -= size;
+        return {begin, size, at};
+      });
+      return {key, answer};
+    });
+  }
+  // Fulfils the promises of those ranges that it has.
+  async take(wants) {
+    const found = (await this.answers).filter(
+      ({answer}) => wants.some(({begin, end}) => answer.part(begin, end)));
+    await Promise.all(found.map(async ({key, answer}) => {
+      const bytes = new Uint8Array(await (await this.cache.match(key)).arrayBuffer());
+      settle(wants, Object.assign(Object.create(answer), {bytes, have: bytes.length}));
+    })).catch(() => {});  // the user may have cleared it
+  }
+  add({parts, bytes, have}) {
+    this.left -= have;
+    if (!this.cache || this.left < 0 || !parts.every((part) => part)) return;
+    const key = new URL(this.url);
+    key.search = parts.map(({begin, size, at}) => `${begin}-${size}-${at}`).join(',');
+    this.cache.put(key, new Response(bytes.slice(0, have))).catch(() => {});  // no more room
+  }
+  // A payload is damaged: perhaps only here.
+  clear() { caches.delete(this.field + this.tag).catch(() => {}); }
 }
 
 // The part that a header Content-Range describes.
@@ -373,13 +430,19 @@ function merged(ranges, gap) {
   return result;
 }
 
-// Fills gaps of up to `gap` bytes between ascending ranges, then the smallest ones until few enough
-// are left, or all gaps are wide.
-function inFewRequests(ranges, gap, maxRequests) {
-  const all = merged(ranges, gap);
-  const gaps = all.slice(1).map(([begin], i) => begin - all[i][1]).sort((a, b) => b - a);
-  return gaps.length < maxRequests ? all
-    : merged(ranges, Math.min(gaps[maxRequests - 1], kMaxGap));
+const bytesOf = (ranges) => ranges.reduce((sum, {begin, end}) => sum + end - begin, 0);
+
+// Fills the smallest gaps between ascending ranges until few enough requests are left, or the gaps
+// have too many bytes.
+function inFewRequests(ranges, most) {
+  const all = merged(ranges, kPartHead);
+  const gaps = all.slice(1).map(([begin], i) => begin - all[i][1]).sort((a, b) => a - b);
+  let gap = kPartHead, left = kThrough * bytesOf(ranges) + kThroughAny;
+  for (const next of gaps.slice(0, Math.max(0, all.length - most))) {
+    if ((left -= next) < 0) break;
+    gap = next;
+  }
+  return merged(ranges, gap);
 }
 
 // Deals ascending ranges out to requests for several. All answers come side by side, so each begins
@@ -391,8 +454,7 @@ function grouped(ranges) {
     if (last && range.begin - last.at(-1).end <= kPartHead) last.push(range);
     else parts.push([range]);
   }
-  const bytes = ranges.reduce((sum, {begin, end}) => sum + end - begin, 0);
-  const count = Math.ceil(Math.max(parts.length / kMaxParts, bytes / kAnswerBytes));
+  const count = Math.ceil(Math.max(parts.length / kMaxParts, bytesOf(ranges) / kAnswerBytes));
   return Array.from({length: count}, (_, i) => parts.filter((_, k) => k % count === i).flat());
 }
 

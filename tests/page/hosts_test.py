@@ -147,14 +147,14 @@ class HostsTest(unittest.TestCase):
                         self.assertEqual(found["size"], len(self.content))
                         for (begin, end), part in zip(self.ranges, found["parts"], strict=True):
                             self.assertEqual(base64.b64decode(part), self.content[begin:end])
+                        self.assertLessEqual(found["requests"], 40)
+                        self.assertLessEqual(ratio, 2.3)
                     else:
                         self.assertIn(page_says, found.get("error") or "")
                     if slf_says:
                         self.assertIn(slf_says, said or "")
                     elif slf_says is None:
                         self.assertIsNone(said)
-                    if kind in ("HTTP/2, one range", "other, HTTP/2, timing"):
-                        self.assertLessEqual(ratio, 1.3)
 
 
 if __name__ == "__main__":

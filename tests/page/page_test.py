@@ -33,6 +33,7 @@ MIN_PSNR = {"bitri": 45.0, "depth": 42.0}  # dB
 # Software graphics take a second for a picture of 512². Half of that shows the same mistakes;
 # fields that are given are drawn in full.
 SIZE = 512 if sys.argv[4:] else 256
+PICTURE = "slf.root.getElementById('picture').toDataURL()"
 
 
 def slf(*arguments):
@@ -762,11 +763,14 @@ class PageTest(unittest.TestCase):
     def test_a_cold_view_takes_few_requests(self):
         folder, index = self.counted_site()
         # In the last view, depths move rays to other tiles more than once.
-        for ranges, view in [("many", VIEWS[0]), ("one", VIEWS[0]), ("many", (117, 71, 3.9))]:
+        for ranges, view in [("many", VIEWS[0]), ("one", VIEWS[0]), ("many", (117, 71, 3.9))] + \
+                [("HTTP/2", view) for view in VIEWS[:2] if Nginx.available()]:
             view = ",".join(map(str, view))
             payload = self.payload(folder, view)
-            with self.subTest(ranges=ranges, view=view), Host(folder, ranges) as host:
-                page = self.browser.open(f"{host.url}/index.html#view={view}&level=2", SIZE, SIZE)
+            with self.subTest(ranges=ranges, view=view), \
+                    Nginx(folder) if ranges == "HTTP/2" else Host(folder, ranges) as host:
+                page = self.open(f"{host.url}/index.html#view={view}&level=2",
+                                 certificate=ranges != "HTTP/2")
                 page.settle()
                 page.wait("!slf.statistics().busy")
                 found = page.run("slf.statistics()")
@@ -824,22 +828,33 @@ class PageTest(unittest.TestCase):
             self.assertGreaterEqual(self.psnr(page, field, VIEWS[0], "depth", 2), MIN_PSNR["depth"])
             page.close()
 
-    def test_requests_that_share_a_connection_fill_few_gaps(self):
-        if not Nginx.available():
-            self.skipTest("no nginx or no openssl; scripts/install-packages --for test")
-        folder, index = self.counted_site()
-        view = ",".join(map(str, VIEWS[0]))
-        payload = self.payload(folder, view)
-        with Nginx(folder) as host:
-            page = self.open(f"{host.url}/index.html#view={view}&level=2", certificate=False)
-            page.settle()
-            found = page.run("slf.statistics().complete")
-            answers = host.answers("field.slf")
-            print(f"HTTP/2: {payload} bytes of payload, {found}", flush=True)
-            self.assertEqual({protocol for _, _, protocol in answers}, {"HTTP/2.0"})
-            self.assertLessEqual(found["bytes"], 1.3 * payload + index + 65536)
-            self.assertLessEqual(found["roundTrips"], 4)
-            page.close()
+    def test_a_second_visit_fetches_no_tile_again(self):
+        """Unless the field has changed, or the host forbids that it is stored."""
+        folder, _ = self.counted_site()
+        field, kinds = os.path.join(folder, "field.slf"), ["many", "one", "no-store"]
+        for kind in kinds + ["HTTP/2"] * Nginx.available():
+            headers = {"Cache-Control": "no-store"} if kind == "no-store" else {}
+            with self.subTest(kind=kind), Nginx(folder) if kind == "HTTP/2" else \
+                    Host(folder, "one" if kind == "one" else "many", headers=headers) as host:
+                visits, pictures = [], []
+                for visit in range(3):
+                    if visit == 2:
+                        os.utime(field)  # another ETag
+                    before = host.bytes("field.slf")
+                    page = self.open(f"{host.url}/index.html#view=30,20,3&level=2",
+                                     certificate=kind != "HTTP/2")
+                    page.settle()
+                    page.wait("!slf.statistics().busy")
+                    pictures.append(page.run(PICTURE))
+                    visits.append(host.bytes("field.slf") - before)
+                    page.close()
+                print(f"{kind}: {visits} bytes in three visits", flush=True)
+                self.assertEqual(len(set(pictures)), 1)
+                self.assertGreater(visits[2], 200000)
+                if kind == "no-store":
+                    self.assertGreater(visits[1], 200000)
+                else:
+                    self.assertLessEqual(visits[1], 8192 + 65536)  # the start and the end
 
     def open(self, url, certificate=True, script=""):
         """Opens an address. `script` runs before the page's own."""
