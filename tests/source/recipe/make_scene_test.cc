@@ -235,6 +235,43 @@ TEST(MakeScene, OneLightServesScenesThatAreCut) {
   EXPECT_NEAR(from(**again, above).r, from(**cut, above).r, 0.01);  // its step is finer
 }
 
+/// A shell with a small hole in its side, whole or without its top.
+Result<std::unique_ptr<Scene>> shell_with_hole(bool cut) {
+  auto volume = std::make_shared<Volume>();
+  volume->dims = {32, 32, 32};
+  volume->source = "shell";
+  for (int z = 0; z < 32; ++z)
+    for (int y = 0; y < 32; ++y)
+      for (int x = 0; x < 32; ++x) {
+        const glm::dvec3 at = glm::dvec3(x, y, z) - 15.5;
+        const bool hole = at.x > 0 && glm::length(glm::dvec2(at.y, at.z)) < 2;
+        const double off = std::abs(glm::length(at) - 11);
+        volume->voxels.push_back(static_cast<std::byte>(hole ? 0 : std::max(0.0, 250 - 60 * off)));
+      }
+  Recipe d;
+  d.volume = volume;
+  d.range = {20, 60};
+  d.raycast.lighting.samples = 16;
+  if (cut) d.raycast.clip = {{glm::dvec3(15.5, 15.5, 19), glm::dvec3(0, 0, 1)}};
+  return make_scene(d);
+}
+
+TEST(MakeScene, ACavityThatACutOpensHasItsOwnLight) {
+  const std::shared_ptr<const Scene> whole = std::move(*shell_with_hole(false));
+  const auto own = shell_with_hole(true), cut = shell_with_hole(true);
+  ASSERT_TRUE(own && cut);
+  ASSERT_TRUE((*cut)->share_light(whole));
+  ASSERT_TRUE((*own)->prepare() && (*cut)->prepare());
+  double squares = 0;
+  for (int y = -6; y <= 6; ++y)
+    for (int x = -6; x <= 6; ++x) {
+      const glm::dvec3 eye(15.5 + x, 15.5 + y, 60), to(15.5 + x, 15.5 + y, 0);
+      const glm::vec4 difference = (*own)->trace(eye, to).rgba - (*cut)->trace(eye, to).rgba;
+      squares += glm::dot(difference, difference);
+    }
+  EXPECT_GT(-10 * std::log10(squares / (13 * 13 * 3)), 26);
+}
+
 TEST(MakeScene, OneLightServesAMaskedSceneAndTheWhole) {
   const std::shared_ptr<const Scene> whole = std::move(*dense_ball(false));
   Recipe d = description();
