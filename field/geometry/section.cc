@@ -126,4 +126,21 @@ TileSections sections_of(TileKey key, unsigned entry_extra_levels) {
   return sections;
 }
 
+std::vector<LatticeVertex> vertices_at(Section section, std::uint32_t side,
+                                       std::span<const LocalPoint> locals) {
+  std::vector<LatticeVertex> vertices;
+  vertices.reserve(locals.size());
+  for (const LocalPoint& local : locals) vertices.push_back(vertex_at(section, local, side));
+  return vertices;
+}
+
+std::vector<glm::dvec3> world_points(const Sphere& sphere,
+                                     std::span<const LatticeVertex> vertices) {
+  std::vector<glm::dvec3> points;
+  points.reserve(vertices.size());
+  for (const LatticeVertex& vertex : vertices)
+    points.push_back(sphere.center + sphere.radius * direction(vertex));
+  return points;
+}
+
 }  // namespace slf

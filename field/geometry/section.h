@@ -11,10 +11,12 @@
 
 #include <compare>
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "base/tile_shape.h"
 #include "field/geometry/lattice.h"
+#include "slf/shape.h"
 #include "slf/tile.h"
 
 namespace slf {
@@ -69,6 +71,11 @@ struct SectionPlace {
 
 /// The vertex of a section at local coordinates, and its direction on the unit sphere.
 [[nodiscard]] LatticeVertex vertex_at(Section section, LocalPoint local, std::uint32_t side);
+[[nodiscard]] std::vector<LatticeVertex> vertices_at(Section section, std::uint32_t side,
+                                                     std::span<const LocalPoint> locals);
+/// Where vertices are on a sphere: the ends of rays.
+[[nodiscard]] std::vector<glm::dvec3> world_points(const Sphere& sphere,
+                                                   std::span<const LatticeVertex> vertices);
 
 /// All local coordinates of a section with `side` cells an edge, in ascending (q, p): the columns
 /// of a tile that exits through it.

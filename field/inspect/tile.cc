@@ -40,6 +40,17 @@ Result<TileSampleSet> read_tile(const TileReader& tiles, TileKey key, const std:
   return tl::unexpected(error_of_exception());
 }
 
+TileRays tile_rays(const Field& field, TileKey key) {
+  const FieldShape& shape = field.shape();
+  const TileSections sections = sections_of(key, shape.entry_extra_levels);
+  const auto points = [&](Section section, std::uint32_t side, std::span<const LocalPoint> locals) {
+    return world_points(shape.sphere, vertices_at(section, side, locals));
+  };
+  return {
+      points(sections.entry, shape.entry_section_side(), field.file().tile_shape(key).positions),
+      points(sections.exit, shape.exit_side, triangle_points(shape.exit_side))};
+}
+
 Result<Image> tile_picture(const TileReader& tiles, TileKey key, const std::string& channel) try {
   const auto set = SLF_TRY(read_tile(tiles, key, channel));
   std::vector<float> numbers;

@@ -13,23 +13,6 @@ namespace {
 
 constexpr std::size_t kRaysAtOnce = 1 << 16;
 
-std::vector<LatticeVertex> vertices_at(Section section, std::uint32_t side,
-                                       std::span<const LocalPoint> locals) {
-  std::vector<LatticeVertex> vertices;
-  vertices.reserve(locals.size());
-  for (const LocalPoint& local : locals) vertices.push_back(vertex_at(section, local, side));
-  return vertices;
-}
-
-std::vector<glm::dvec3> world_points(const Sphere& sphere,
-                                     std::span<const LatticeVertex> vertices) {
-  std::vector<glm::dvec3> points;
-  points.reserve(vertices.size());
-  for (const LatticeVertex& vertex : vertices)
-    points.push_back(sphere.center + sphere.radius * direction(vertex));
-  return points;
-}
-
 /// Tent-filtered means of rays from one entry vertex, around vertices of an exit lattice.
 class TentFilter {
  public:

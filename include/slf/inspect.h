@@ -112,6 +112,14 @@ struct TileSampleSet {
 [[nodiscard]] Result<TileSampleSet> read_tile(const TileReader& tiles, TileKey key,
                                               const std::string& channel);
 
+/// Where the rays of a tile begin and end, in world units: sample k is that of the ray from
+/// origins[k / targets.size()] to targets[k % targets.size()].
+struct TileRays {
+  std::vector<glm::dvec3> origins, targets;
+};
+/// REQUIRES: the field has such a tile.
+[[nodiscard]] TileRays tile_rays(const Field& field, TileKey key);
+
 /// The pictures of a tile side by side, each where its entry vertex lies among the others.
 /// Premultiplied colour, or depth as grey; transparent between the pictures. Errors as read_tile().
 [[nodiscard]] Result<Image> tile_picture(const TileReader& tiles, TileKey key,

@@ -15,10 +15,10 @@ from ._notebook import Studio
 from ._rays import Scene
 from ._source import BuildSettings, Settings, SourceSettings
 from ._slf import version as __version__
-from ._types import Camera, Look, Orbit, Picture, Sphere, Tone, orbit
+from ._types import Camera, Look, Orbit, Picture, Rays, Sphere, Tone, orbit
 
 __all__ = ["BadFileError", "BuildSettings", "BusyError", "Camera", "Error", "FailedError",
            "Field", "IoError", "Look", "NotFoundError", "Orbit", "OutOfMemoryError", "Picture",
-           "Player", "Scene", "Settings", "SourceSettings", "Sphere", "Studio", "Tone",
+           "Player", "Rays", "Scene", "Settings", "SourceSettings", "Sphere", "Studio", "Tone",
            "UnsupportedError", "UsageError", "build", "build_rays", "diff", "export", "merge",
            "open", "orbit", "raycast", "repack", "studio", "verify"]

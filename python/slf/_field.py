@@ -20,8 +20,8 @@ from ._notebook import View, bundle, server_base
 from ._progress import Progress, reporter
 from ._source import SourceSettings, described, recipe_of
 from ._types import (BuildReport, Camera, Content, Difference, Evaluation, ExportReport, Frame,
-                     Look, Measurement, MergeReport, Orbit, PickedPoint, Picture, RepackReport,
-                     Shape, Sphere, Tile, Tone, VerifyReport, finite, orbit)
+                     Look, Measurement, MergeReport, Orbit, PickedPoint, Picture, Rays,
+                     RepackReport, Shape, Sphere, Tile, Tone, VerifyReport, finite, orbit)
 
 Path = str | os.PathLike[str]
 Array = np.ndarray[Any, Any]
@@ -394,6 +394,20 @@ class Field:
         slf.BadFileError: it is damaged.
         """
         return self._field.tile(level, entry, exit, channel)
+
+    def rays(self, level: int, entry: int, exit: int) -> Rays:
+        """The rays of a tile, as a scene is asked for them, and their samples, as of tile().
+
+        On the finest level that was built, a sample is what the ray sees; on coarser ones, a mean
+        of rays around it, with the same origin and ends near to its own.
+        Raises what tile() raises.
+        """
+        origins, targets = self._field.rays(level, entry, exit)
+        origins, targets = np.broadcast_arrays(origins[:, None], targets)
+        color = self.tile(level, entry, exit)
+        scale = np.float32(255 if color.dtype == np.uint8 else 1)
+        depth = self.tile(level, entry, exit, "depth") / np.float32(255) if self.has_depth else None
+        return Rays(origins, targets - origins, np.divide(color, scale, dtype=np.float32), depth)
 
     # -- measures ---------------------------------------------------------------------------------
 

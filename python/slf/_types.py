@@ -104,6 +104,20 @@ class Picture(NamedTuple):
     """float32 [height, width]: distance from the eye in world units, infinite where nothing is."""
 
 
+class Rays(NamedTuple):
+    """Rays and what they see: arrays [entry vertices, exit vertices, ...]."""
+
+    origins: np.ndarray
+    """float64 [..., 3]: where they enter the sphere, in world units."""
+    directions: np.ndarray
+    """float64 [..., 3]: from there to where they leave it; 0 where these are one point."""
+    rgba: np.ndarray
+    """float32 [..., 4], 0 to 1 and premultiplied; linear radiance may exceed 1."""
+    depth: np.ndarray | None
+    """float32 [...]: what is visible is at origins + depth · directions, on average. Any value
+    where alpha is 0. None: the field has no depths."""
+
+
 class VerifyReport(_reports.VerifyReport):
     __slots__ = ()
 

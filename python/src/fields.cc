@@ -152,6 +152,18 @@ py::array tile(OpenField& open, unsigned level, std::uint64_t entry, std::uint64
                     set.half ? py::dtype("<f2") : py::dtype("u1"), shape);
 }
 
+/// Where the rays of a tile begin, and where they end.
+py::tuple rays(const OpenField& open, unsigned level, std::uint64_t entry, std::uint64_t exit) {
+  const Field& field = open.field();
+  auto [origins, targets] =
+      tile_rays(field, value_of(find_tile(field, {level, entry, exit}), field.path()));
+  const auto array = [](std::vector<glm::dvec3>& points) {
+    const auto count = static_cast<py::ssize_t>(points.size());
+    return array_of(std::move(points), py::dtype::of<double>(), {count, 3});
+  };
+  return py::make_tuple(array(origins), array(targets));
+}
+
 // ---- checks and measures -----------------------------------------------------------------------
 
 py::object verify(const Text& path, const OpenField* open, bool quick, bool fix,
@@ -296,6 +308,7 @@ void bind_fields(py::module_& module) {
       .def("reveal", reveal)
       .def("tiles", tiles)
       .def("tile", tile)
+      .def("rays", rays)
       .def("measure", measure)
       .def("player", make_player);
   py::class_<OpenPlayer>(module, "Player")

@@ -61,6 +61,37 @@ class _Ball(slf.Scene):
     trace = staticmethod(ball)
 
 
+@pytest.mark.parametrize("settings", [{}, dict(entry=4, entry_extra_levels=1),
+                                      dict(color_type="half")])
+def test_rays_of_a_field_are_those_that_the_function_was_asked_for(tmp_path, settings):
+    settings = {**SMALL, "codec": "predictive:lossless", **settings}
+    with slf.build_rays(ball, BALL, tmp_path / "a.slf", **settings) as field:
+        seen = 0
+        for tile in field.tiles(level=1):
+            rays = field.rays(tile.level, tile.entry, tile.exit)
+            assert rays.rgba.shape == rays.directions.shape[:2] + (4,)
+            ends = rays.origins + rays.directions
+            for points in rays.origins, ends:
+                assert np.allclose(np.linalg.norm(points - BALL[0], axis=-1), BALL[1])
+            asked = np.linalg.norm(rays.directions, axis=-1) > 0
+            rgba, depth = ball(rays.origins[asked], ends[asked])
+            within = 1 / 255 if field.format.startswith("rgba8") else 1e-3
+            assert np.allclose(rays.rgba[asked], rgba, rtol=0, atol=within)
+            shown = rgba[:, 3] > 0
+            assert np.allclose(rays.depth[asked][shown], depth[shown], rtol=0, atol=1 / 255)
+            seen += shown.sum()
+        assert seen > 1000
+        some = field.rays(0, 0, 7)  # coarse: a mean around the ray, through the ball's middle
+        assert np.allclose(some.rgba[..., 3].max(), 1) and some.rgba.dtype == np.float32
+        with pytest.raises(slf.UsageError, match="1/99999/0"):
+            field.rays(1, 99999, 0)
+    with slf.build_rays(ball, BALL, tmp_path / "b.slf", depth=False,
+                        **{**settings, "codec": "zstd"}) as field:
+        assert field.rays(0, 0, 7).depth is None
+    with pytest.raises(slf.UsageError, match="closed"):
+        field.rays(0, 0, 7)
+
+
 def test_batches_do_not_change_the_field(tmp_path):
     for batch in (1, 7, 100000):
         slf.build_rays(ball, BALL, tmp_path / f"{batch}.slf", batch=batch, entry=2, exit=4,
