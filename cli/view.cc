@@ -84,6 +84,7 @@ Result<std::unique_ptr<page::Studio>> make_studio(const ViewArguments& a, page::
     options.output = stem.substr(0, stem.find('.', 1)) + ".slf";
   }
   options.save = a.save;
+  if (is_recipe(input.string())) options.opened = input.string();
   options.threads = a.threads;
   options.show = [&server](const std::string& field) { return server->add(field); };
   return page::Studio::make(std::move(source), std::move(options));

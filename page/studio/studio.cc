@@ -17,6 +17,7 @@
 #include "page/studio/caster.h"
 #include "page/studio/subject.h"
 #include "page/studio/task.h"
+#include "page/views.h"
 #include "slf/build.h"
 #include "slf/transfer.h"
 #include "source/recipe/options.h"
@@ -161,7 +162,7 @@ struct Studio::State {
   const StudioOptions options;
   std::set<std::string> files;  ///< that were named when the studio began
   json document, shown;         ///< the recipe, with states; and what is shown of it
-  json views = json::array();
+  json views = json::object();  ///< what --views takes: saved views, notes, what a page says
   std::string recipe_path, views_path, draft_path;
   std::set<std::string> owned;  ///< of these, those that this studio, or one before it, wrote
   bool kept = true, restored = false;
@@ -183,7 +184,9 @@ struct Studio::State {
 Result<void> Studio::State::save() {
   std::error_code ignored;
   std::vector<std::string> written{recipe_path};
-  if (!views.empty()) written.push_back(views_path);
+  const auto says = [](const json& part) { return !part.empty(); };
+  const bool has_views = std::ranges::any_of(views, says);
+  if (has_views) written.push_back(views_path);
   for (const std::string& path : written)
     if (!owned.contains(path) && fs::exists(path, ignored))
       return fail(ErrorCode::usage, path,
@@ -201,8 +204,7 @@ Result<void> Studio::State::save() {
     for (json& state : out["states"]) state = with_paths(state, from_there);
   SLF_TRY(write_file(recipe_path, bytes_of(out.dump(2) + "\n")));
   owned.insert(written.begin(), written.end());
-  if (!views.empty())
-    SLF_TRY(write_file(views_path, bytes_of(json{{"views", views}}.dump(2) + "\n")));
+  if (has_views) SLF_TRY(write_file(views_path, bytes_of(views.dump(2) + "\n")));
   fs::remove(draft_path, ignored);
   kept = true;
   return {};
@@ -404,10 +406,13 @@ std::optional<Response> Studio::State::act(const Request& request, std::string_v
   if (rest == "recipe") {
     if (body.value("revision", std::uint64_t{0}) != revision)
       return refusal("the recipe was changed on another page", 409);
+    const json said = body.value("views", views);
+    if (const auto read = parse_views({views_path, said.dump()}, {}); !read && !said.empty())
+      return refusal(read.error().message);
     if (const auto done_so = show(body.value("shown", json())); !done_so)
       return refusal(done_so.error().message);
     document = body.value("recipe", shown);
-    views = body.value("views", views);
+    views = said;
     kept = false;
     if (Clock::now() - kept_at > kDraftEvery)
       if (const auto written = keep(); !written) return refusal(written.error().message);
@@ -435,6 +440,16 @@ Result<std::unique_ptr<Studio>> Studio::make(Recipe recipe, StudioOptions option
   s.recipe_path = s.options.save.empty() ? stem.string() + ".recipe.json" : s.options.save;
   s.views_path = stem.string() + ".views.json";
   s.draft_path = s.recipe_path + ".draft";
+  std::error_code ignored;
+  if (!s.options.opened.empty() && fs::equivalent(s.options.opened, s.recipe_path, ignored)) {
+    s.owned.insert(s.recipe_path);
+    if (fs::exists(s.views_path, ignored)) {
+      const auto file = SLF_TRY(read_views(s.views_path));
+      SLF_TRY(parse_views(file, {}));
+      s.views = json::parse(file.text);
+      s.owned.insert(s.views_path);
+    }
+  }
   json first = json::object();
   for (const recipe::Option& option : recipe::options())
     if (s.base.stated.contains(option.name) && option.name != std::string_view("input"))
@@ -454,7 +469,6 @@ Result<std::unique_ptr<Studio>> Studio::make(Recipe recipe, StudioOptions option
   };
   add_files(first);
   for (const json& one : s.document.value("states", json::array())) add_files(one);
-  std::error_code ignored;
   if (fs::is_regular_file(s.draft_path, ignored)) {
     const auto bytes = SLF_TRY(read_file(s.draft_path, 16 << 20));
     const json draft = json::parse(chars_of(bytes), nullptr, /*allow_exceptions=*/false);
@@ -463,7 +477,7 @@ Result<std::unique_ptr<Studio>> Studio::make(Recipe recipe, StudioOptions option
                   ": is no draft of a studio, which would be kept there; move it");
     if (s.show(draft["shown"])) {
       s.document = draft.value("recipe", s.shown);
-      s.views = draft.value("views", json::array());
+      s.views = draft.value("views", s.views);
       s.owned = draft.value("owns", s.owned);
       s.restored = true;
     }

@@ -3,13 +3,13 @@
 //
 //   GET  ""            the page; also studio.js and studio.css
 //   GET  "state"       JSON: the recipe, what it is of, presets, notes, how far a build is
-//   POST "recipe"      {"revision", "shown", "recipe"}: shows and keeps another recipe
+//   POST "recipe"      {"revision", "shown", "recipe", "views"}: shows and keeps others
 //   POST "look"        a camera; answered by the next better picture
 //   POST "point"       a pixel; answered by the place and the value that it shows
 //   GET  "preset/N"    a small picture of the N-th preset
 //   POST "presets"     {"name", "text"}: a file of transfer functions; answered by those
 //   POST "forecast"    answered by what a build would take (BuildForecast), once that is known
-//   POST "save"        writes the recipe and the saved views
+//   POST "save"        writes the recipe, and what --views takes
 //   POST "build"       saves, and builds the field; "stop" ends that
 #pragma once
 
@@ -28,6 +28,7 @@ namespace slf::page {
 struct StudioOptions {
   std::string output;    ///< the field that is to be built
   std::string save{};    ///< path of the recipe; empty: NAME.recipe.json beside the output
+  std::string opened{};  ///< the recipe that the studio begins with, and may replace by a save
   unsigned threads = 0;  ///< 0: all
   /// Shows a finished field, and returns its folder beside that of the studio.
   std::function<Result<std::string>(const std::string& field)> show{};

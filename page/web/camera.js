@@ -81,6 +81,12 @@ export class Camera {
             distance: Math.hypot(...to)};
   }
 
+  // Looks from the side that a point is on.
+  face([x, y, z]) {
+    this.azimuth = Math.atan2(x, -y) * 180 / Math.PI;
+    this.elevation = Math.atan2(z, Math.hypot(x, y)) * 180 / Math.PI;
+  }
+
   toText() {
     const n = (v) => String(Math.round(v * 1e4) / 1e4);
     const parts = [this.azimuth, this.elevation, this.distance];

@@ -77,10 +77,9 @@ export class Explain {
     this.place();
   }
   // Turns the camera so that it sees a note.
-  face({point: [x, y, z]}) {
+  face({point}) {
     const camera = new Camera(this.viewer.camera.toText());
-    camera.azimuth = Math.atan2(x, -y) * 180 / Math.PI;
-    camera.elevation = Math.atan2(z, Math.hypot(x, y)) * 180 / Math.PI;
+    camera.face(point);
     this.viewer.flyTo(camera.toText());
   }
 

@@ -480,7 +480,7 @@ std::vector<Option> make_options() {
       .needs = "reveal";
   add_rare(row(
                "reveal_loss", kReveal, whole(0, Reveal::kMaxLoss),
-               "By how much the copy's bytes may be off, of 255; 2 takes half the bytes",
+               "By how much the copy's bytes may be off, of 255; with 4, it takes less than half",
                [](auto& r) -> auto& { return r.reveal_loss; }))
       .needs = "reveal";
   return all;

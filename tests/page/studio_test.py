@@ -68,7 +68,7 @@ class Studio:
 
     def show(self, **options):
         status, said = self.ask("recipe", {"revision": self.state()["revision"], "shown": options,
-                                           "recipe": options, "views": []})
+                                           "recipe": options, "views": {}})
         return status, json.loads(said)
 
 
@@ -127,6 +127,16 @@ class StudioTest(unittest.TestCase):
             self.assertEqual(stages[0], 1)  # a small one comes first
             page.wait("document.querySelector('#presets img')?.complete")
             self.assertGreater(page.run("document.querySelector('#presets img').naturalWidth"), 0)
+            self.set(page, "#notename", "Here", "input")
+            page.run("document.getElementById('addnote').click()")
+            middle = page.run("""(() => {
+              const {x, y, width, height} = document.getElementById('picture')
+                .getBoundingClientRect();
+              return [x + width / 2, y + height / 2];
+            })()""")
+            self.mouse(page, [middle, middle])
+            page.wait("document.querySelectorAll('#notelist li').length === 1")
+            side = page.run("[studio.camera.azimuth, studio.camera.elevation]")
             page.run("document.querySelectorAll('#presets button')[2].click()")
             self.fine(page)
             before = page.run("studio.state.revision")
@@ -174,6 +184,7 @@ class StudioTest(unittest.TestCase):
                 page.call("Input.dispatchKeyEvent", type="keyDown", key="ArrowLeft")
             self.set(page, "#viewname", "From the left", "input")
             page.run("document.getElementById('addview').click()")
+            self.set(page, "[data-about=title]", "A ball")
             self.set(page, "#finest_level", "0")
             page.wait("studio.state.revision > 5")
             self.fine(page)
@@ -217,7 +228,13 @@ class StudioTest(unittest.TestCase):
         self.assertEqual(recipe["input"], "ball.nhdr")
         self.assertEqual([state["name"] for state in recipe["states"]], ["whole", "whole head"])
         with open(path("ball.views.json")) as file:
-            self.assertEqual(json.load(file)["views"][0]["title"], "From the left")
+            said = json.load(file)
+        self.assertEqual(said["views"][0]["title"], "From the left")
+        self.assertEqual(said["about"], {"title": "A ball"})
+        self.assertEqual(said["notes"][0]["label"], "Here")
+        x, y, z = (p - t for p, t in zip(said["notes"][0]["point"], said["views"][0]["target"]))
+        self.assertAlmostEqual(math.degrees(math.atan2(x, -y)), side[0], delta=2)
+        self.assertAlmostEqual(math.degrees(math.atan2(z, math.hypot(x, y))), side[1], delta=2)
         self.assertFalse(os.path.exists(path("ball.recipe.json.draft")))
         slf("build", path("ball.recipe.json"), "-o", path("again.slf"))
         slf("diff", path("ball.slf"), path("again.slf"))
@@ -245,6 +262,24 @@ class StudioTest(unittest.TestCase):
             self.assertEqual(status, 422)
             self.assertIn("exists", json.loads(said)["error"])
 
+    def test_a_recipe_that_is_opened_is_edited(self):
+        with Studio("ball.nhdr", "-o", "ball.slf") as studio:
+            state = studio.state()
+            self.assertEqual(studio.ask("recipe", {
+                "revision": state["revision"], "shown": {"exposure": 1}, "recipe": {"exposure": 1},
+                "views": {"notes": [{"label": "a", "point": [1, 2, 3]}]}})[0], 200)
+            self.assertEqual(studio.ask("save", {})[0], 200)
+        with Studio("ball.recipe.json", "-o", "ball.slf") as studio:
+            state = studio.state()
+            self.assertEqual(state["shown"]["exposure"], 1)
+            self.assertEqual(state["views"]["notes"][0]["label"], "a")
+            wrong = {"revision": state["revision"], "shown": {}, "views": {"notes": [{}]}}
+            self.assertEqual(studio.ask("recipe", wrong)[0], 422)
+            self.assertEqual(studio.show(exposure=2)[0], 200)
+            self.assertEqual(studio.ask("save", {})[0], 200)
+        with open(path("ball.recipe.json")) as file:
+            self.assertEqual(json.load(file)["exposure"], 2)
+
     def test_files_of_others_stay(self):
         for name in ["ball.recipe.json", "ball.views.json"]:
             with open(path(name), "w") as file:
@@ -254,7 +289,7 @@ class StudioTest(unittest.TestCase):
                     state = studio.state()
                     self.assertEqual(studio.ask("recipe", {
                         "revision": state["revision"], "shown": {}, "recipe": {},
-                        "views": [{"title": "a", "orbit": [1, 2, 3]}]})[0], 200)
+                        "views": {"views": [{"title": "a", "orbit": [1, 2, 3]}]}})[0], 200)
                     status, said = studio.ask("save", {})
                     self.assertEqual(status, 422)
                     self.assertIn(name, json.loads(said)["error"])

@@ -25,7 +25,7 @@ const camera = new Camera(location.hash.slice(1));
 let state;              // what the server told
 let recipe = {};        // without states
 let states = [];        // {name, options}
-let views = [];
+let views = {};         // what --views takes: {views, notes, about}
 let current = -1;       // the state that is shown and edited; -1: the recipe itself
 let history = [], future = [];
 let sphere = [0, 0, 0, 0];
@@ -175,6 +175,7 @@ async function draw() {
       if (shown.stage >= kDirect && !state.box) await load();
       if (complete) tellForecast();
       handles.place();
+      placeNotes();
       turnField();
     } catch (error) {
       if (error.name === 'AbortError') continue;
@@ -458,26 +459,75 @@ byId('addstate').onclick = () => {
   refresh();
 };
 function showViews() {
-  byId('viewlist').replaceChildren(...views.map((view, k) => item(view.title, () => {
-    camera.reset();
-    [camera.azimuth, camera.elevation, camera.distance] = view.orbit;
-    if (view.target) camera.target = view.target.map((t, i) => (t - sphere[i]) / sphere[3]);
-    turned();
-  }, () => {
+  const removed = (list, k) => () => {
     remember();
-    views.splice(k, 1);
+    list.splice(k, 1);
     changed();
     showViews();
-  })));
+  };
+  const all = views.views ??= [], notes = views.notes ??= [];
+  byId('viewlist').replaceChildren(...all.map((view, k) => item(view.title, () => {
+    camera.reset();
+    [camera.azimuth, camera.elevation, camera.distance] = view.orbit;
+    if (view.target) camera.target = inward(view.target);
+    turned();
+  }, removed(all, k))));
+  byId('notelist').replaceChildren(...notes.map((note, k) => item(note.label, () => {
+    camera.face(inward(note.point));
+    turned();
+  }, removed(notes, k))));
+  byId('notes').replaceChildren(...notes.map(({label}) => make('span', {textContent: label})));
+  for (const input of document.querySelectorAll('[data-about]'))
+    input.value = views.about?.[input.dataset.about] ?? '';
+  placeNotes();
 }
+const inward = (point) => point.map((v, i) => (v - sphere[i]) / sphere[3]);
+function placeNotes() {
+  if (!(sphere[3] > 0)) return;
+  [...byId('notes').children].forEach((span, k) => {
+    const {x, y, far} = camera.project(inward(views.notes[k].point), picture.clientWidth,
+                                       picture.clientHeight);
+    span.style.cssText = `left:${x}px;top:${y}px`;
+    span.hidden = far <= 0;
+  });
+}
+// A note is placed where the picture is pressed next, or in its middle by Enter.
+let placing = false;
+byId('addnote').onclick = () => {
+  placing = true;
+  say('Click the place of the note; Enter is the middle of the picture.');
+  picture.focus();
+};
+async function tap(x, y) {
+  if (!placing) return;
+  placing = false;
+  const at = [x / picture.clientWidth, y / picture.clientHeight];
+  const found = await post('point', {...look(false), at}).then((a) => a.json()).catch(() => ({}));
+  if (!found.position) return say('Nothing is there; the note was not placed.', true);
+  say('');
+  remember();
+  const label = byId('notename').value.trim() || `Note ${views.notes.length + 1}`;
+  views.notes.push({label, point: found.position.map((v) => Number(v.toPrecision(6)))});
+  byId('notename').value = '';
+  changed();
+  showViews();
+}
+for (const input of document.querySelectorAll('[data-about]'))
+  input.onchange = () => {
+    remember();
+    views.about = {...views.about, [input.dataset.about]: input.value.trim()};
+    for (const [name, text] of Object.entries(views.about)) if (!text) delete views.about[name];
+    if (Object.keys(views.about).length === 0) delete views.about;
+    changed();
+  };
 byId('addview').onclick = () => {
   remember();
   const n = (v) => Number(v.toPrecision(6));
-  const view = {title: byId('viewname').value.trim() || `View ${views.length + 1}`,
+  const view = {title: byId('viewname').value.trim() || `View ${views.views.length + 1}`,
                 orbit: [camera.azimuth, camera.elevation, camera.distance].map(n)};
   if (camera.target.some((v) => v !== 0))
     view.target = camera.target.map((t, i) => n(t * sphere[3] + sphere[i]));
-  views.push(view);
+  views.views.push(view);
   byId('viewname').value = '';
   changed();
   showViews();
@@ -593,8 +643,9 @@ addEventListener('keydown', (event) => {
   else restore(history, future);
 });
 attach(picture, camera, {
-  moved: turned, tap: () => {}, wheels: () => true, hears: picture,
-  keys: {r: () => { camera.reset(); turned(); }}, signal: undefined});
+  moved: turned, tap, wheels: () => true, hears: picture, signal: undefined,
+  keys: {r: () => { camera.reset(); turned(); },
+         enter: () => tap(picture.clientWidth / 2, picture.clientHeight / 2)}});
 new ResizeObserver(again).observe(picture);
 
 globalThis.studio = {camera, pictures: [], get serial() { return serial; },
