@@ -1,7 +1,11 @@
 #include "field/write/write_tiles.h"
 
+#include <xxhash.h>
+
 #include <algorithm>
+#include <array>
 #include <chrono>
+#include <cstdint>
 #include <mutex>
 #include <utility>
 #include <vector>
@@ -10,8 +14,9 @@
 #include "base/try.h"
 #include "field/field_file.h"
 #include "field/geometry/tile_order.h"
-#include "field/write/encode_tile.h"
-#include "field/write/same_tiles.h"
+#include "field/geometry/tile_selection.h"
+#include "field/tiles/tile_cache.h"
+#include "field/write/tile_source.h"
 
 namespace slf {
 namespace {
@@ -25,6 +30,129 @@ constexpr std::uint64_t kPrefetched = 64;  // tiles per call of prefetch()
 /// LMDB reuses no page that later commits free, about four each. Opening it anew empties the cache
 /// of references.
 constexpr std::uint64_t kCommitsPerReader = 4;
+
+/// How many states before a tile's own are searched for one to predict it from.
+constexpr std::uint64_t kSearchedStates = 64;
+
+static_assert(kMaxChain == 1, "what earlier_tiles() finds is predicted from coarser tiles alone");
+
+/// The tiles of earlier states that a tile may be predicted from: the latest one that is stored and
+/// not predicted from another state itself, and that of the first state.
+Result<std::vector<storage::TileRef>> earlier_tiles(const FieldFile& field, TileKey key) {
+  std::vector<storage::TileRef> found;
+  const std::uint64_t state = key.state;
+  const auto add = [&](std::uint64_t earlier) -> Result<bool> {
+    auto tile = SLF_TRY(field.store().find(in_state(key, earlier)));
+    if (tile.state != TileState::stored) return false;
+    SLF_TRY(field.store().check(tile));
+    tile.key = tile.source;
+    const unsigned chain = SLF_TRY(field.chain(tile));
+    if (chain >= kMaxChain) return false;
+    if (found.empty() || found.back().key != tile.key) found.push_back(tile);
+    return true;
+  };
+  bool added = false;
+  for (std::uint64_t back = 1; !added && back <= std::min(state, kSearchedStates); ++back)
+    added = SLF_TRY(add(state - back));
+  if (state > 0) SLF_TRY(add(0));
+  return found;
+}
+
+/// Coarser tiles, loaded.
+struct Coarser {
+  std::vector<TileCache::Pin> pins;
+  std::vector<ReferenceSamples> samples;
+
+  [[nodiscard]] static Result<Coarser> load(TileCache& cache, std::span<const TileKey> keys) {
+    Coarser loaded;
+    loaded.pins = SLF_TRY(cache.load(keys));
+    for (std::size_t k = 0; k < keys.size(); ++k)
+      loaded.samples.push_back({keys[k], loaded.pins[k].samples()});
+    return loaded;
+  }
+};
+
+/// Encodes a tile as a difference from what the tiles of the next coarser level predict, or from
+/// the same tile of an earlier state, whichever takes fewer bytes. `coarser`: of the field, or of
+/// another with the same coarser tiles; null if tiles are not predicted. `earlier`, not null in a
+/// field of several states, has those; the rest of it need not be there. Errors of
+/// TileCache::load(). REQUIRES: both show all states.
+Result<void> encode_tile(const TileCoder& coder, TileCache* coarser, const FieldFile* earlier,
+                         TileKey key, ByteSpan samples, Bytes& payload) {
+  Coarser from;
+  if (coarser) from = SLF_TRY(Coarser::load(*coarser, coder.choose(key, samples)));
+  SLF_TRY(coder.encode(key, samples, from.samples, payload));
+  if (!coder.uses_states()) return {};
+  Bytes other, decoded(samples.size());
+  const auto others = SLF_TRY(earlier_tiles(*earlier, key));
+  for (const storage::TileRef& tile : others) {
+    const auto named = SLF_TRY(earlier->references(tile));
+    const auto below = SLF_TRY(Coarser::load(*coarser, named));
+    SLF_TRY(earlier->decode(tile, below.samples, decoded));
+    from.samples.push_back({tile.key, decoded});
+    SLF_TRY(coder.encode(key, samples, from.samples, other));
+    from.samples.pop_back();
+    if (other.size() < payload.size()) payload.swap(other);
+  }
+  return {};
+}
+
+/// Finds tiles that have the same samples in an earlier state. Keeps a hash of the samples of each
+/// tile of a field; those that another thread makes, or that an earlier call of a build made, are
+/// made again. The arguments of the constructor must outlive it. Thread-safety: any thread.
+class SameTiles {
+ public:
+  /// `tiles`: those of the field.
+  SameTiles(const TileSource& source, const TileOrder& order, const TileSelection& tiles,
+            unsigned states)
+      : source_(source), order_(order), tiles_(tiles), hashes_(states > 1 ? tiles.count() : 0) {}
+
+  /// The tile of the first state that has the samples, so one that is stored: this tile itself if
+  /// no earlier one has, or if it is not stored. Errors as the source.
+  [[nodiscard]] Result<TileKey> find(const SourceTile& tile) {
+    const TileKey key = tile.ref.key;
+    if (hashes_.empty()) return key;
+    const Hash own = remember(tile);
+    for (std::uint64_t state = 0; own != kNoSamples && state < key.state; ++state) {
+      const Hash other = SLF_TRY(hash_of(in_state(key, state)));
+      if (other == own) return in_state(key, state);
+    }
+    return key;
+  }
+
+ private:
+  using Hash = std::array<std::uint64_t, 2>;
+  static constexpr Hash kNoSamples{0, 1};
+
+  [[nodiscard]] Hash& hash(TileKey key) { return hashes_[tiles_.rank(order_.number(key))]; }
+
+  Hash remember(const SourceTile& tile) {
+    Hash hash = kNoSamples;
+    if (tile.ref.state == TileState::stored) {
+      const XXH128_hash_t found = XXH3_128bits(tile.samples.data(), tile.samples.size());
+      hash = {found.low64 | 1, found.high64};
+    }
+    const std::lock_guard lock(mutex_);
+    return this->hash(tile.ref.key) = hash;
+  }
+
+  Result<Hash> hash_of(TileKey key) {
+    if (!tiles_.has(order_.number(key))) return kNoSamples;  // it is missing
+    {
+      const std::lock_guard lock(mutex_);
+      if (const Hash& known = hash(key); known != Hash{}) return known;
+    }
+    SourceTile tile;
+    SLF_TRY(source_.tile(key, tile));
+    return remember(tile);
+  }
+
+  const TileSource& source_;
+  const TileOrder& order_;
+  const TileSelection& tiles_;
+  std::mutex mutex_;
+  std::vector<Hash> hashes_;  // by the tile's rank; 0: not known
+};
 
 /// A tile that a worker made.
 struct MadeTile {
