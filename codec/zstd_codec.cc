@@ -1,14 +1,17 @@
 #include "codec/zstd_codec.h"
 
 #include <algorithm>
+#include <array>
 #include <cassert>
+#include <cmath>
 
 #include "base/per_thread.h"
+#include "base/tile_shape.h"
 #include "base/try.h"
 #include "codec/byte_streams.h"
 #include "codec/lane_samples.h"
 #include "codec/lanes.h"
-#include "codec/linear_fit.h"
+#include "codec/linear_system.h"
 #include "codec/scratch.h"
 
 namespace slf::codec {
@@ -32,6 +35,90 @@ class ZstdCodec final : public Codec {
  private:
   SampleFormat format_;
   int level_;
+};
+
+// The columns of a sample's neighbours, replaced as in lanes.cc. REQUIRES: p > 0 or q > 0.
+std::array<std::size_t, kOwnTaps> neighbours(std::uint32_t side, std::uint32_t p, std::uint32_t q,
+                                             std::size_t column) {
+  const std::size_t above = column - (side + 2 - q);  // line q - 1 holds side + 2 - q samples
+  const std::size_t w = p > 0 ? column - 1 : above;
+  const std::size_t n = q > 0 ? above : w;
+  const std::size_t nw = p > 0 && q > 0 ? above - 1 : n;
+  const std::size_t ne = q > 0 ? above + 1 : n;
+  const std::size_t ww = p > 1 ? column - 2 : w;
+  const std::size_t nn = q > 1 ? above - (side + 3 - q) : n;
+  return {w, n, nw, ne, ww, nn};
+}
+
+/// Computes the weights of the linear predictor by least squares. Accumulates sums of products over
+/// samples, and solves for the weights. The sums are exact, and the few operations that round are
+/// the same on every machine.
+class LinearFit {
+ public:
+  /// 1..3 channels.
+  explicit LinearFit(std::size_t channels) : channels_(channels) {}
+
+  /// Adds a third of the samples of the first `lanes` pictures of a group. `values` are those of
+  /// predict, below 256. Samples whose `coverage`, if given, is 0 are left out.
+  void add(std::uint32_t side, std::size_t lanes, const LaneValues* values,
+           const LaneValues* coverage) {
+    const std::size_t columns = triangle_size(side);
+    const std::size_t terms = kTermsPerChannel * channels_;
+    std::array<double, kMaxTerms> term{};
+    std::size_t column = 1;  // the first sample has no neighbours
+    for (std::uint32_t q = 0; q <= side; ++q)
+      for (std::uint32_t p = q == 0 ? 1 : 0; p <= side - q; ++p, ++column) {
+        const auto around = neighbours(side, p, q, column);
+        for (std::size_t lane = column % 3; lane < lanes; lane += 3) {
+          if (coverage && coverage[column][lane] == 0) continue;
+          double* next = term.data();
+          for (std::size_t channel = 0; channel < channels_; ++channel) {
+            const LaneValues* plane = values + channel * columns;
+            for (const std::size_t at : around) *next++ = plane[at][lane];
+            *next++ = plane[column][lane];
+          }
+          for (std::size_t i = 0; i < terms; ++i)
+            for (std::size_t j = 0; j < terms; ++j) products_[i][j] += term[i] * term[j];
+        }
+      }
+  }
+
+  [[nodiscard]] ChannelPredictor solve(std::size_t channel) const {
+    // Select the terms that are taps of this channel, in the order of its weights.
+    std::array<std::size_t, kMaxTaps> tap{};
+    std::size_t count = 0;
+    for (std::size_t i = 0; i < kOwnTaps; ++i) tap[count++] = channel * kTermsPerChannel + i;
+    for (std::size_t earlier = 0; earlier < channel; ++earlier) {
+      tap[count++] = earlier * kTermsPerChannel + kOwnTaps;
+      for (std::size_t i = 0; i + 1 < kCrossTaps; ++i)
+        tap[count++] = earlier * kTermsPerChannel + i;
+    }
+    const std::size_t target = channel * kTermsPerChannel + kOwnTaps;
+
+    std::array<std::array<double, kMaxTaps + 1>, kMaxTaps> system{};
+    for (std::size_t i = 0; i < count; ++i) {
+      for (std::size_t j = 0; j < count; ++j) system[i][j] = products_[tap[i]][tap[j]];
+      system[i][i] += 1;  // keeps the system definite if all samples are equal
+      system[i][count] = products_[tap[i]][target];
+    }
+    solve_system(system, count);
+
+    ChannelPredictor predictor{true, {}};
+    for (std::size_t i = 0; i < count; ++i) {
+      const double weight = std::nearbyint(
+          std::clamp(system[i][count] * 256, -double{kMaxTapWeight}, double{kMaxTapWeight}));
+      predictor.weights[i] = static_cast<std::int16_t>(weight);
+    }
+    return predictor;
+  }
+
+ private:
+  // Per channel: W, N, NW, NE, WW, NN and the sample itself.
+  static constexpr std::size_t kTermsPerChannel = kOwnTaps + 1;
+  static constexpr std::size_t kMaxTerms = kTermsPerChannel * 3;
+
+  std::size_t channels_;
+  std::array<std::array<double, kMaxTerms>, kMaxTerms> products_{};
 };
 
 // A tile in lanes; each thread keeps one.

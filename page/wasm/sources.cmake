@@ -5,8 +5,8 @@ set(SLF_PORTABLE_SOURCES
   storage/ranged_store.cc storage/range_set.cc storage/file_index.cc
   codec/codec.cc
   codec/zstd_codec.cc codec/byte_streams.cc codec/lane_samples.cc
-  codec/lanes.cc codec/linear_fit.cc codec/portable/zstd_frame.cc
-  codec/jpeg_codec.cc codec/jpeg_alpha.cc codec/jpeg_encode.cc codec/jpeg_pictures.cc
+  codec/lanes.cc codec/portable/zstd_frame.cc
+  codec/jpeg_codec.cc codec/jpeg_encode.cc codec/jpeg_pictures.cc
   codec/jpeg_tables.cc codec/fill.cc codec/mosaic.cc codec/color_kernel.cc
   codec/portable/jpeg_decode.cc
   codec/kept_rays.cc codec/predictive.cc codec/predictive_channels.cc codec/predictive_codec.cc
