@@ -17,7 +17,7 @@
 #include "base/try.h"
 #include "field/field_file.h"
 #include "field/structure_looks.h"
-#include "field/write/field_index.h"
+#include "field/write/field_writer.h"
 #include "page/fit.h"
 #include "page/page.h"
 #include "slf/camera.h"

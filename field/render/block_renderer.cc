@@ -8,7 +8,6 @@
 
 #include "base/try.h"
 #include "field/render/blend_kernel.h"
-#include "field/render/cubic_kernel.h"
 
 namespace slf {
 namespace {

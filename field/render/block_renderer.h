@@ -2,7 +2,7 @@
 //
 // A block passes through the stages
 //   cast (ray_kernel.h) -> locate (ray_kernel.h) -> gather (sample_gatherer.h)
-//        -> blend (blend_kernel.h) -> refine (depth_refinement.h) -> bend (cubic_kernel.h)
+//        -> blend (blend_kernel.h) -> refine (depth_refinement.h) -> bend (blend_kernel.h)
 // With planes, samples beyond them are made empty between gather and blend (cut.h). Rays whose
 // samples cannot tell what the planes lay open are traced through a scene in the end.
 // Modes differ in the weights that locate computes. Only mode depth refines: it locates, gathers

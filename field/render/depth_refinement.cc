@@ -4,7 +4,6 @@
 #include <utility>
 
 #include "field/render/ray_kernel.h"
-#include "field/render/refine_kernel.h"
 
 namespace slf {
 namespace {

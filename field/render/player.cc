@@ -18,7 +18,6 @@
 #include "base/parallel.h"
 #include "base/try.h"
 #include "field/render/level_pacer.h"
-#include "field/render/load_misses.h"
 #include "field/render/renderer_state.h"
 
 namespace slf {

@@ -16,7 +16,6 @@
 #include "base/try.h"
 #include "field/geometry/level_geometry.h"
 #include "field/render/block_renderer.h"
-#include "field/render/load_misses.h"
 #include "field/render/renderer_state.h"
 
 namespace slf {

@@ -122,4 +122,10 @@ class FieldWriter {
   std::optional<TileKey> last_;  ///< when the writer was opened
 };
 
+/// Writes the index of a complete, closed field, for readers of remote files
+/// (doc/format/optional.md, "Index"), after its last page, and replaces whatever follows that page.
+/// The same pages give the same index. Errors as FieldFile::open(), or io. cancelled: stopped by
+/// `go_on`; the field has no index then.
+[[nodiscard]] Result<void> index_field(const std::string& path, const GoOn& go_on = {});
+
 }  // namespace slf

@@ -15,7 +15,7 @@ set(SLF_PORTABLE_SOURCES
   field/predict/upsample_kernel.cc
   field/tile_coder.cc field/reference_index.cc field/tiles/compose_samples.cc
   field/manifest.cc field/geometry/lattice.cc field/geometry/section.cc
-  field/geometry/level_geometry.cc field/geometry/shape.cc field/geometry/sphere.cc)
+  field/geometry/level_geometry.cc field/geometry/shape.cc)
 # What cuts need: decoding a reveal, and the ray-caster's light. Files that share names of their own
 # are in this order.
 set(SLF_CUT_SOURCES

@@ -70,12 +70,4 @@ using SliceReader = Result<std::uint64_t>(const std::string& path, const VolumeO
 /// Whether so few files are strays beside so many, and may be left out: a thumbnail, a scout.
 [[nodiscard]] constexpr bool are_strays(std::size_t few, std::size_t all) { return 4 * few <= all; }
 
-/// Checks the names of the pictures in a folder, sorted: one series, numbered without gaps. Takes
-/// strays of other names out, with a note. Adds notes on numbers in steps, and on names that cannot
-/// be checked.
-/// unsupported: two series. bad_file: a number is missing, or there twice.
-[[nodiscard]] Result<void> check_numbering(const std::string& folder,
-                                           std::vector<std::string>& files,
-                                           std::vector<std::string>& notes);
-
 }  // namespace slf::volume_io

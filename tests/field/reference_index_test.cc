@@ -10,7 +10,7 @@
 
 #include "base/file.h"
 #include "field/field_file.h"
-#include "field/write/field_index.h"
+#include "field/write/field_writer.h"
 #include "storage/internal/file_index.h"
 #include "tests/field/field_testing.h"
 

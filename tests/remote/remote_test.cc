@@ -15,7 +15,7 @@
 
 #include "field/remote/curl_library.h"
 #include "field/remote/http_source.h"
-#include "field/write/field_index.h"
+#include "field/write/field_writer.h"
 #include "slf/repack.h"
 #include "slf/verify.h"
 #include "tests/cli/cli_testing.h"
