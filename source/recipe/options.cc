@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
+#include <functional>
 #include <tuple>
 
 #include "base/join.h"
@@ -110,7 +111,7 @@ struct Group {
 template <class Member>
 void reset(Recipe& recipe, const Member& member) {
   const Recipe defaults;
-  member(recipe) = member(defaults);
+  std::invoke(member, recipe) = std::invoke(member, defaults);
 }
 
 template <class Member>
@@ -125,9 +126,9 @@ Option row(const char* name, const Group& group, Type type, std::string help, Me
             if (value.is_null())
               reset(recipe, member);
             else
-              put(member(recipe), value);
+              put(std::invoke(member, recipe), value);
           },
-          [=](const Recipe& recipe) { return value_of(member(recipe)); }};
+          [=](const Recipe& recipe) { return value_of(std::invoke(member, recipe)); }};
 }
 
 template <class T>
@@ -141,11 +142,11 @@ Option choice(const char* name, const Group& group, const Choices<T>& choices, s
   const auto set = [=](Recipe& recipe, const json& value) {
     if (value.is_null()) return reset(recipe, member);
     for (const auto& [text, one] : choices)
-      if (value == text) member(recipe) = one;
+      if (value == text) std::invoke(member, recipe) = one;
   };
   const auto get = [=](const Recipe& recipe) {
     for (const auto& [text, value] : choices)
-      if (member(recipe) == value) return json(text);
+      if (std::invoke(member, recipe) == value) return json(text);
     return json();
   };
   return {name, group.name, group.kinds, group.use, std::move(type), std::move(help), set, get};
@@ -181,94 +182,87 @@ std::vector<Option> make_options() {
   for (int k = 0; k <= static_cast<int>(ScalarType::f64); ++k)
     scalar.names.push_back(name(static_cast<ScalarType>(k)));
   std::vector<Option> all;
+  const auto inside = [](auto outer) {  // accessors of the members of a member
+    return [=](auto member) {
+      return [=](auto& r) -> auto& { return std::invoke(member, std::invoke(outer, r)); };
+    };
+  };
+  const auto reading = inside(&Recipe::reading);
+  const auto raw = inside(&Recipe::raw);
+  const auto raycast = inside(&Recipe::raycast);
+  const auto lighting = inside(raycast(&RaycastOptions::lighting));
+  const auto tone = inside(lighting(&LightOptions::tone));
+  const auto pictures = inside(&Recipe::pictures);
+  const auto field = inside(&Recipe::field);
+  const auto shape = inside(field(&BuildOptions::shape));
   const auto add = [&](Option option) -> Option& { return all.emplace_back(std::move(option)); };
   const auto add_rare = [&](Option option) -> Option& {
     option.rare = true;
     return add(std::move(option));
   };
 
-  add(row(
-      "input", {"Input", kAny, Use::input}, kFile,
-      "A volume, a DICOM folder, a mesh, pictures:FOLDER, pictures:JSON or scene:NAME",
-      [](auto& r) -> auto& { return r.input; }));
+  add(row("input", {"Input", kAny, Use::input}, kFile,
+          "A volume, a DICOM folder, a mesh, pictures:FOLDER, pictures:JSON or scene:NAME",
+          &Recipe::input));
 
   // Volumes.
   add(row(
       "transfer", kData, kFile,
       "Transfer function: a built-in name (see `slf transfer`), or a file of ParaView, 3D Slicer "
       "or MRIcroGL; FILE#NAME for one of several; default: made from the histogram",
-      [](auto& r) -> auto& { return r.transfer; }));
-  add(row(
-      "range", kData, numbers("LO,HI", 2, -1e300, 1e300),
-      "Stretch the transfer function to these values of the volume",
-      [](auto& r) -> auto& { return r.range; }));
+      &Recipe::transfer));
+  add(row("range", kData, numbers("LO,HI", 2, -1e300, 1e300),
+          "Stretch the transfer function to these values of the volume", &Recipe::range));
   add(row(
       "labels_volume", kData, kFile,
       "Label volume: each label gets a colour; on another grid it is resampled by world position "
       "(nearest voxel)",
-      [](auto& r) -> auto& { return r.labels_volume; }));
+      &Recipe::labels_volume));
   add(row(
       "label_table", kData, kFile,
       "Colour and opacity by id: a table of ITK-SNAP, 3D Slicer (.ctbl, .csv) or FreeSurfer, or "
       "JSON; for {labels_volume} or {labels}",
-      [](auto& r) -> auto& { return r.label_table; }));
-  add_rare(row(
-      "only_labels", kData, ids, "Show these labels alone, by id; what is hidden keeps its shadows",
-      [](auto& r) -> auto& { return r.only_labels; }));
-  add(row(
-      "mask", kData, kFile, "Show the volume only where this mask is not 0",
-      [](auto& r) -> auto& { return r.mask; }));
+      &Recipe::label_table));
+  add_rare(row("only_labels", kData, ids,
+               "Show these labels alone, by id; what is hidden keeps its shadows",
+               &Recipe::only_labels));
+  add(row("mask", kData, kFile, "Show the volume only where this mask is not 0", &Recipe::mask));
   add(row(
       "clip", kData, planes,
       "Remove what lies beyond a plane (world): on the side of X,Y,Z that the normal points to; "
       "may be repeated",
-      [](auto& r) -> auto& { return r.raycast.clip; }));
-  add(flag(
-          "labels", kReading, "Voxels are labels: nearest sampling, a colour for each label",
-          [](auto& r) -> auto& { return r.reading.labels; }))
+      raycast(&RaycastOptions::clip)));
+  add(flag("labels", kReading, "Voxels are labels: nearest sampling, a colour for each label",
+           reading(&VolumeOptions::labels)))
       .in_memory = true;
-  add(row(
-      "dims", kReading, {Form::wholes, "NXxNYxNZ", 1, kMaxCount, false, 3, 'x'},
-      "Raw files: voxels along x, y, z, as 128x128x84",
-      [](auto& r) -> auto& { return r.raw.dims; }));
-  add_rare(row(
-               "type", kReading, scalar, "Raw files: type of a voxel",
-               [](auto& r) -> auto& { return r.raw.type; }))
+  add(row("dims", kReading, {Form::wholes, "NXxNYxNZ", 1, kMaxCount, false, 3, 'x'},
+          "Raw files: voxels along x, y, z, as 128x128x84", raw(&RawLayout::dims)));
+  add_rare(row("type", kReading, scalar, "Raw files: type of a voxel", raw(&RawLayout::type)))
       .needs = "dims";
-  add_rare(row(
-      "spacing", kReading, numbers("DXxDYxDZ", 3, kMinLength, kMaxLength, 'x'),
-      "Distance between voxels; default: what the file says, or 1",
-      [](auto& r) -> auto& { return r.reading.spacing; }));
-  add_rare(row(
-      "component", kReading, whole(0, kMaxCount),
-      "Component of each voxel (RGB, channels) to read, from 0",
-      [](auto& r) -> auto& { return r.reading.component; }));
-  add_rare(row(
-      "time", kReading, whole(0, kMaxCount), "Time point of a file or series to read, from 0",
-      [](auto& r) -> auto& { return r.reading.time; }));
-  add_rare(row(
-      "array", kReading, {Form::text, "NAME"},
-      "Array of a VTI file, or image of an OME-TIFF, to read: its name",
-      [](auto& r) -> auto& { return r.reading.array; }));
-  add_rare(row(
-      "series", kReading, {Form::text, "ID"},
-      "DICOM series of a folder to read: its number or UID, as `slf info` lists them",
-      [](auto& r) -> auto& { return r.reading.series; }));
-  add_rare(flag(
-      "resample", kReading,
-      "Resample DICOM slices that are not evenly spaced, to the smallest distance",
-      [](auto& r) -> auto& { return r.reading.resample; }));
-  add_rare(row(
-      "crop", kReading, box, "Keep these voxels only: half-open ranges, as 10:200,:,50:", [
-      ](auto& r) -> auto& { return r.reading.crop; }));
-  add_rare(choice<bool>(
-               "endian", kReading, {{"little", false}, {"big", true}},
-               "Raw files: order of a voxel's bytes",
-               [](auto& r) -> auto& { return r.raw.big_endian; }))
+  add_rare(row("spacing", kReading, numbers("DXxDYxDZ", 3, kMinLength, kMaxLength, 'x'),
+               "Distance between voxels; default: what the file says, or 1",
+               reading(&VolumeOptions::spacing)));
+  add_rare(row("component", kReading, whole(0, kMaxCount),
+               "Component of each voxel (RGB, channels) to read, from 0",
+               reading(&VolumeOptions::component)));
+  add_rare(row("time", kReading, whole(0, kMaxCount),
+               "Time point of a file or series to read, from 0", reading(&VolumeOptions::time)));
+  add_rare(row("array", kReading, {Form::text, "NAME"},
+               "Array of a VTI file, or image of an OME-TIFF, to read: its name",
+               reading(&VolumeOptions::array)));
+  add_rare(row("series", kReading, {Form::text, "ID"},
+               "DICOM series of a folder to read: its number or UID, as `slf info` lists them",
+               reading(&VolumeOptions::series)));
+  add_rare(flag("resample", kReading,
+                "Resample DICOM slices that are not evenly spaced, to the smallest distance",
+                reading(&VolumeOptions::resample)));
+  add_rare(row("crop", kReading, box, "Keep these voxels only: half-open ranges, as 10:200,:,50:",
+               reading(&VolumeOptions::crop)));
+  add_rare(choice<bool>("endian", kReading, {{"little", false}, {"big", true}},
+                        "Raw files: order of a voxel's bytes", raw(&RawLayout::big_endian)))
       .needs = "dims";
-  add_rare(row(
-               "offset", kReading, whole(0, 0x1p53), "Raw files: bytes before the first voxel",
-               [](auto& r) -> auto& { return r.raw.offset; }))
+  add_rare(row("offset", kReading, whole(0, 0x1p53), "Raw files: bytes before the first voxel",
+               raw(&RawLayout::offset)))
       .needs = "dims";
 
   // Meshes.
@@ -276,95 +270,83 @@ std::vector<Option> make_options() {
       "up_axis", kMeshes, {{"y", UpAxis::y}, {"z", UpAxis::z}},
       "Axis of a mesh's file that becomes +z, up; the y axis is the default for glTF "
       "and OBJ, z for PLY and STL",
-      [](auto& r) -> auto& { return r.up_axis; }));
+      &Recipe::up_axis));
 
   // Rays and light.
   add_rare(row(
       "step", kRays, above(0.01, 100),
       "Longest part of a ray that is one sample, in smallest voxel spacings; at most one cell of "
       "the volume",
-      [](auto& r) -> auto& { return r.raycast.step; }));
+      raycast(&RaycastOptions::step)));
   add_rare(choice<Projection>(
                "projection", kRays, {std::begin(kProjections), std::end(kProjections)},
                "Show one value of each ray, unlit: the greatest (mip), the least (minip) or "
                "the mean of those with opacity",
-               [](auto& r) -> auto& { return r.raycast.projection; }))
+               raycast(&RaycastOptions::projection)))
       .excludes = "lighting";
   add_rare(row(
       "light", kLight, kPosition,
       "World direction towards the light (LPS); default: above, in front, to the patient's right",
-      [](auto& r) -> auto& { return r.light; }));
-  add_rare(row(
-               "ambient", kLight, number(0, 1),
-               "Ambient share of the shading, 0 to 1; implies {lighting} direct",
-               [](auto& r) -> auto& { return r.ambient; }))
+      &Recipe::light));
+  add_rare(row("ambient", kLight, number(0, 1),
+               "Ambient share of the shading, 0 to 1; implies {lighting} direct", &Recipe::ambient))
       .otherwise = "0.3";
-  add_rare(flag(
-               "shade", kLight,
-               "Colours as in the transfer function, unlit; implies {lighting} direct",
-               [](auto& r) -> auto& { return r.raycast.shade; }))
+  add_rare(flag("shade", kLight,
+                "Colours as in the transfer function, unlit; implies {lighting} direct",
+                raycast(&RaycastOptions::shade)))
       .negative = "--no-shade";
   Option& mode = add(choice<std::optional<Lighting>>(
       "lighting", kLight, {std::begin(kLightings), std::end(kLightings)},
       "global: a rig of lights and its surroundings, with shadows and scattered light; shadowed: "
       "without scattered light; direct: one light without shadows, which needs no light volume",
-      [](auto& r) -> auto& { return r.lighting; }));
+      &Recipe::lighting));
   mode.otherwise = "global";
   mode.excludes = "projection";
-  add(row(
-          "light_rig", kLight, kFile,
+  add(row("light_rig", kLight, kFile,
           "Lights and sky of shadowed and global light: " +
               joined(built_in_rigs(), ", ", &LightRig::name) + ", or a JSON file",
-          [](auto& r) -> auto& { return r.light_rig; }))
+          &Recipe::light_rig))
       .otherwise = built_in_rigs().front().name;
   add_rare(row(
       "environment", kLightData, kFile,
       "Picture that surrounds the volume instead of the rig's sky: latitude-longitude OpenEXR or "
       "Radiance HDR, up being +z and the middle the front",
-      [](auto& r) -> auto& { return r.environment; }));
-  add_rare(row(
-      "environment_gain", kLight, number(0, 1e6), "Factor of the environment picture's radiance",
-      [](auto& r) -> auto& { return r.raycast.lighting.environment_gain; }));
-  add_rare(row(
-      "light_samples", kLight, whole(1, 65536),
-      "Paths of light per node of the light volume: more take longer and leave less noise",
-      [](auto& r) -> auto& { return r.raycast.lighting.samples; }));
-  add_rare(row(
-      "light_bounces", kLight, whole(0, 1000),
-      "Maximum number of scattering events of a path (global)",
-      [](auto& r) -> auto& { return r.raycast.lighting.bounces; }));
-  add_rare(row(
-      "light_spacing", kLight, number(0.5, 16),
-      "Distance between nodes of the light volume, in voxels",
-      [](auto& r) -> auto& { return r.raycast.lighting.spacing; }));
-  add_rare(row(
-      "light_memory", kLight, kBytes,
-      "Memory limit for computing the light volume; if it does not suffice, nodes are further "
-      "apart",
-      [](auto& r) -> auto& { return r.raycast.lighting.memory; }));
-  add_rare(row(
-      "light_seed", kLight, whole(0, 0x1p63), "Random seed",
-      [](auto& r) -> auto& { return r.raycast.lighting.seed; }));
-  add_rare(row(
-      "light_file", kLightCost, kFile,
-      "Keep the light volume in this file, and read it from there if it is the "
-      "same; of states, {state} in its name stands for theirs",
-      [](auto& r) -> auto& { return r.light_volume.file; }));
-  add(row(
-      "exposure", kLight, number(-20, 20),
-      "Exposure of shadowed or global light, in photographic stops",
-      [](auto& r) -> auto& { return r.raycast.lighting.tone.exposure; }));
+      &Recipe::environment));
+  add_rare(row("environment_gain", kLight, number(0, 1e6),
+               "Factor of the environment picture's radiance",
+               lighting(&LightOptions::environment_gain)));
+  add_rare(row("light_samples", kLight, whole(1, 65536),
+               "Paths of light per node of the light volume: more take longer and leave less noise",
+               lighting(&LightOptions::samples)));
+  add_rare(row("light_bounces", kLight, whole(0, 1000),
+               "Maximum number of scattering events of a path (global)",
+               lighting(&LightOptions::bounces)));
+  add_rare(row("light_spacing", kLight, number(0.5, 16),
+               "Distance between nodes of the light volume, in voxels",
+               lighting(&LightOptions::spacing)));
+  add_rare(
+      row("light_memory", kLight, kBytes,
+          "Memory limit for computing the light volume; if it does not suffice, nodes are further "
+          "apart",
+          lighting(&LightOptions::memory)));
+  add_rare(
+      row("light_seed", kLight, whole(0, 0x1p63), "Random seed", lighting(&LightOptions::seed)));
+  add_rare(row("light_file", kLightCost, kFile,
+               "Keep the light volume in this file, and read it from there if it is the "
+               "same; of states, {state} in its name stands for theirs",
+               inside(&Recipe::light_volume)(&LightVolumeOptions::file)));
+  add(row("exposure", kLight, number(-20, 20),
+          "Exposure of shadowed or global light, in photographic stops",
+          tone(&ToneMapping::exposure)));
   add_rare(choice<ToneCurve>(
       "tonemap", kLight, {std::begin(kToneCurves), std::end(kToneCurves)},
       "Tone curve from radiance to colours: neutral compresses highlights, srgb clips them, none "
       "keeps linear radiance",
-      [](auto& r) -> auto& { return r.raycast.lighting.tone.curve; }));
-  add(flag(
-      "reference", kTruth, "Path tracing instead of the light volume: unbiased, slow",
-      [](auto& r) -> auto& { return r.reference; }));
-  add_rare(row(
-               "samples", kTruth, whole(1, 1 << 24), "Paths per ray",
-               [](auto& r) -> auto& { return r.paths.samples; }))
+      tone(&ToneMapping::curve)));
+  add(flag("reference", kTruth, "Path tracing instead of the light volume: unbiased, slow",
+           &Recipe::reference));
+  add_rare(row("samples", kTruth, whole(1, 1 << 24), "Paths per ray",
+               inside(&Recipe::paths)(&PathTraceOptions::samples)))
       .needs = "reference";
 
   // Pictures.
@@ -377,106 +359,90 @@ std::vector<Option> make_options() {
       "What the pictures' depths mean: distance along the axis (z) or from the eye "
       "(ray), or 1/z (inverse); none: neither use nor estimate depths; default: z "
       "or ray, found by comparing pictures",
-      [](auto& r) -> auto& { return r.pictures.depth; }));
-  add_rare(row(
-      "depth_scale", kOfPictures, number(kMinLength, kMaxLength),
-      "World units of one unit in depth pictures, as 0.001",
-      [](auto& r) -> auto& { return r.pictures.depth_scale; }));
-  add_rare(row(
-               "holdout", kOfPictures, whole(2, 1000000),
+      pictures(&PictureSceneOptions::depth)));
+  add_rare(row("depth_scale", kOfPictures, number(kMinLength, kMaxLength),
+               "World units of one unit in depth pictures, as 0.001",
+               pictures(&PictureSceneOptions::depth_scale)));
+  add_rare(row("holdout", kOfPictures, whole(2, 1000000),
                "Leave out every N-th picture, from the first on, for `slf evaluate`",
-               [](auto& r) -> auto& { return r.pictures.holdout; }))
+               pictures(&PictureSceneOptions::holdout)))
       .otherwise = "";
-  add_rare(row(
-      "voxels", kOfPictures, whole(32, 768),
-      "Voxels along an edge of the grid that holds the object's surface",
-      [](auto& r) -> auto& { return r.pictures.voxels; }));
-  add_rare(row(
-      "picture_memory", kPictureCost, kBytes, "Memory limit for decoded pictures",
-      [](auto& r) -> auto& { return r.pictures.memory; }));
-  add_rare(choice<bool>(
-      "background_model", kOfPictures, {{"keep", true}, {"drop", false}},
-      "Of pictures without alpha or masks: drop what lies outside the sphere, or keep "
-      "it, as if painted on the sphere's far side; default: drop",
-      [](auto& r) -> auto& { return r.pictures.keep_background; }));
+  add_rare(row("voxels", kOfPictures, whole(32, 768),
+               "Voxels along an edge of the grid that holds the object's surface",
+               pictures(&PictureSceneOptions::voxels)));
+  add_rare(row("picture_memory", kPictureCost, kBytes, "Memory limit for decoded pictures",
+               pictures(&PictureSceneOptions::memory)));
+  add_rare(
+      choice<bool>("background_model", kOfPictures, {{"keep", true}, {"drop", false}},
+                   "Of pictures without alpha or masks: drop what lies outside the sphere, or keep "
+                   "it, as if painted on the sphere's far side; default: drop",
+                   pictures(&PictureSceneOptions::keep_background)));
   add_rare(row(
       "depth_cache", kPictureCost, kFile,
       "File that keeps estimated depths for the next run, or none; default: beside the pictures, "
       "as *.slf-depths",
-      [](auto& r) -> auto& { return r.depth_cache; }));
+      &Recipe::depth_cache));
 
   // The field.
-  add(flag(
-      "each_label", kStates,
-      "Build a state of each structure of a label volume (doc/structures.md)",
-      [](auto& r) -> auto& { return r.each_label; }));
-  add_rare(flag(
-               "each_time", kStates, "Build a state of each time point of a file or series",
-               [](auto& r) -> auto& { return r.each_time; }))
+  add(flag("each_label", kStates,
+           "Build a state of each structure of a label volume (doc/structures.md)",
+           &Recipe::each_label));
+  add_rare(flag("each_time", kStates, "Build a state of each time point of a file or series",
+                &Recipe::each_time))
       .excludes = "each_label";
   add(choice<std::tuple<unsigned, unsigned, unsigned>>(
       "quality", kField, {{"draft", {8, 32, 1}}, {"normal", {8, 32, 2}}, {"fine", {16, 32, 2}}},
       "Lattices and levels: draft, {finest_level} 1, a sixteenth of the rays; normal; or fine, "
       "{entry} 16, four times the rays; instead of {entry}, {exit} and {finest_level}",
       [](auto& r) {
-        auto& shape = r.field.shape;
-        return std::tie(shape.entry_side, shape.exit_side, shape.levels);
+        auto& of = r.field.shape;
+        return std::tie(of.entry_side, of.exit_side, of.levels);
       }));
-  add_rare(row(
-               "entry", kField, whole(1, FieldShape::kMaxSide),
+  add_rare(row("entry", kField, whole(1, FieldShape::kMaxSide),
                "Entry lattice at level 0: cells along an octsphere's edge",
-               [](auto& r) -> auto& { return r.field.shape.entry_side; }))
+               shape(&FieldShape::entry_side)))
       .excludes = "quality";
-  add_rare(row(
-               "exit", kField, whole(1, FieldShape::kMaxSide), "Exit lattice at level 0",
-               [](auto& r) -> auto& { return r.field.shape.exit_side; }))
+  add_rare(row("exit", kField, whole(1, FieldShape::kMaxSide), "Exit lattice at level 0",
+               shape(&FieldShape::exit_side)))
       .excludes = "quality";
-  Option& finest = add(row(
-      "finest_level", kField, whole(0, 10),
-      "Tiles at levels 0 to this; each level doubles both lattices",
-      [](auto& r) -> auto& { return r.field.shape.levels; }));
+  Option& finest = add(row("finest_level", kField, whole(0, 10),
+                           "Tiles at levels 0 to this; each level doubles both lattices",
+                           shape(&FieldShape::levels)));
   finest.former = "levels";
   finest.excludes = "quality";
-  add_rare(row(
-               "entry_extra_levels", kField, whole(0, 10),
+  add_rare(row("entry_extra_levels", kField, whole(0, 10),
                "How many levels further than the exit side the entry side is split into tiles",
-               [](auto& r) -> auto& { return r.field.shape.entry_extra_levels; }))
+               shape(&FieldShape::entry_extra_levels)))
       .former = "entry_depth";
-  add(row(
-      "codec", kField, {Form::text, "CODEC"},
-      "predictive:QUALITY, predictive:lossless, jpeg:QUALITY[:444], zstd[:LEVEL] or raw",
-      [](auto& r) -> auto& { return r.field.codec; }));
-  add_rare(flag(
-               "depth", kField, "Colours alone, without depths; not with predictive",
-               [](auto& r) -> auto& { return r.field.depth; }))
+  add(row("codec", kField, {Form::text, "CODEC"},
+          "predictive:QUALITY, predictive:lossless, jpeg:QUALITY[:444], zstd[:LEVEL] or raw",
+          field(&BuildOptions::codec)));
+  add_rare(flag("depth", kField, "Colours alone, without depths; not with predictive",
+                field(&BuildOptions::depth)))
       .negative = "--no-depth";
-  add_rare(choice<bool>(
-      "color_type", kField, {{"u8", false}, {"half", true}},
-      "u8, or half: HDR colour, which JPEG cannot store",
-      [](auto& r) -> auto& { return r.field.half; }));
+  add_rare(choice<bool>("color_type", kField, {{"u8", false}, {"half", true}},
+                        "u8, or half: HDR colour, which JPEG cannot store",
+                        field(&BuildOptions::half)));
   add_rare(flag(
       "keep_light", kStates,
       "Keep the light volume in the field, so that evaluate and a resumed build need not compute "
       "it",
-      [](auto& r) -> auto& { return r.field.keep_light; }));
-  add_rare(row(
-      "center", kFrame, kPosition,
-      "Centre of the sphere in world coordinates; default: around what is visible",
-      [](auto& r) -> auto& { return r.center; }));
-  add_rare(row(
-      "radius", kFrame, number(kMinLength, kMaxLength),
-      "Radius of the sphere in world units; default: around what is visible",
-      [](auto& r) -> auto& { return r.radius; }));
+      field(&BuildOptions::keep_light)));
+  add_rare(row("center", kFrame, kPosition,
+               "Centre of the sphere in world coordinates; default: around what is visible",
+               &Recipe::center));
+  add_rare(row("radius", kFrame, number(kMinLength, kMaxLength),
+               "Radius of the sphere in world units; default: around what is visible",
+               &Recipe::radius));
   add(row(
       "reveal", kReveal, whole(16, Reveal::kMaxSide),
       "Keep a small copy of the volume in the field, 8 bits a voxel, its longest side this: cuts "
       "through the field then show the inside. It publishes the scan (doc/cut.md)",
-      [](auto& r) -> auto& { return r.reveal; }));
-  add_rare(row(
-               "reveal_window", kReveal, {Form::text, "LO,HI"},
+      &Recipe::reveal));
+  add_rare(row("reveal_window", kReveal, {Form::text, "LO,HI"},
                "Values of the volume that the copy keeps, all of them; visible: leave out voxels "
                "that touch nothing visible",
-               [](auto& r) -> auto& { return r.reveal_window; }))
+               &Recipe::reveal_window))
       .needs = "reveal";
   add_rare(row(
                "reveal_loss", kReveal, whole(0, Reveal::kMaxLoss),
