@@ -1,8 +1,10 @@
-// Reporter: the progress of a long function, its callback, and the error if that asks to stop.
+// Reporter: the progress of a long function, its callback, and the error if that asks to stop; and
+// GoOn, a way to stop one that has no progress to report.
 #pragma once
 
 #include <atomic>
 #include <cstdint>
+#include <functional>
 #include <string>
 #include <thread>
 #include <utility>
@@ -13,6 +15,9 @@
 #include "slf/progress.h"
 
 namespace slf {
+
+/// Asked repeatedly on the calling thread. False stops the work, with an error.
+using GoOn = std::function<bool()>;
 
 /// Keeps a reference to the callback, which may be empty. Thread-safety: none.
 class Reporter {

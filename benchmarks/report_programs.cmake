@@ -2,7 +2,7 @@
 
 # The command line's own arguments: a volume is named everywhere as it is to slf.
 add_library(bench_arguments STATIC ../cli/arguments.cc ../cli/open.cc
-  ../cli/cut.cc ../cli/output.cc ../cli/progress.cc ../cli/source_options.cc ../cli/structures.cc)
+  ../cli/output.cc ../cli/progress.cc ../cli/source_options.cc)
 target_link_libraries(bench_arguments PUBLIC slf::slf CLI11::CLI11 PRIVATE fmt::fmt slf_options)
 
 add_executable(entry_pictures entry_pictures.cc)

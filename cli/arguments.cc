@@ -8,6 +8,7 @@
 #include "base/file.h"
 #include "base/try.h"
 #include "cli/command.h"
+#include "field/structure_looks.h"
 #include "source/recipe/options.h"
 
 namespace slf::cli {
@@ -280,6 +281,60 @@ Result<ViewOptions> DrawArguments::view(const Field& field, std::optional<Camera
     return with_hint(ok.error(), ok.error().choice ? "see --clip" : "see --mode and --level");
   if (!view.clip.empty()) view.cap = SLF_TRY(cap_of(field, view.clip));
   return view;
+}
+
+void DrawArguments::add_structures_to(CLI::App& command) {
+  command
+      .add_option(
+          "--structure", structures,
+          "Draw this together with what more such options name, instead of FIELD: states of\n"
+          "FIELD, by names or patterns as 'left *', or other fields on its sphere; with an\n"
+          "opacity from 0, hidden, to 1, and a colour by which its own are multiplied")
+      ->type_name("NAME[:OPACITY][:#RRGGBB]")
+      ->allow_extra_args(false)
+      ->group("Drawing");
+}
+
+std::vector<std::string> DrawArguments::inputs(const FieldArguments& field) const {
+  std::vector<std::string> files{field.path};
+  for (const std::string& text : structures)
+    if (auto given = parse_structure(text)) files.push_back(std::move(given->name));
+  return files;
+}
+
+Result<Field> DrawArguments::open(const FieldArguments& arguments) const {
+  const auto field = SLF_TRY(arguments.open());
+  if (structures.empty())
+    return arguments.state.empty() ? all_structures(field) : Result<Field>(field);
+  const auto looks = SLF_TRY(at_place(parse_structures(structures, field.states()), "--structure"));
+  return compose_looks(field, looks, [&](const std::string& name) {
+    return name == arguments.path ? Result<Field>(field) : open_field(name);
+  });
+}
+
+void DrawArguments::add_cut_to(CLI::App& command) {
+  cut.add_to(command,
+             [](const recipe::Option& option) { return option.name == std::string_view("clip"); });
+  const OptionGroup group(command, "Volume");
+  command
+      .add_option(
+          "--cap", cap,
+          "What --clip lays open: shaded, under its own light; coarse, the same by a tenth\n"
+          "of the work; slice, the scan's values in grey, from LO to HI; or hollow.\n"
+          "All but hollow need a reveal (`slf reveal`); default: shaded, or else hollow")
+      ->type_name("CAP[:LO,HI]");
+}
+
+Result<std::shared_ptr<const Scene>> DrawArguments::cap_of(const Field& field,
+                                                           std::span<const ClipPlane> clip) const {
+  CapOptions options;
+  options.memory = memory_of_cap();
+  options.threads = threads;
+  options.progress = light_progress(OnSignal::end);
+  const auto made = SLF_TRY(hinted(named_cap(field, clip, cap, options)));
+  if (!made && cap.empty())
+    note(field.path() + ": has no reveal, which `slf reveal` adds: the cut is hollow");
+  return made;
 }
 
 }  // namespace slf::cli

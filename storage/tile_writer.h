@@ -11,7 +11,7 @@
 
 #include "base/bytes.h"
 #include "base/file.h"
-#include "base/go_on.h"
+#include "base/reporter.h"
 #include "slf/error.h"
 #include "storage/tile_store.h"
 

@@ -6,7 +6,6 @@
 #include <optional>
 #include <vector>
 
-#include "base/go_on.h"
 #include "base/parallel.h"
 #include "base/reporter.h"
 #include "base/try.h"

@@ -18,7 +18,7 @@
 #include <string>
 
 #include "base/file.h"
-#include "base/go_on.h"
+#include "base/reporter.h"
 #include "field/field_file.h"
 #include "field/manifest.h"
 #include "slf/error.h"

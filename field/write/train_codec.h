@@ -3,7 +3,7 @@
 
 #include <memory>
 
-#include "base/go_on.h"
+#include "base/reporter.h"
 #include "field/write/tile_source.h"
 
 namespace slf {

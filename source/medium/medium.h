@@ -5,6 +5,7 @@
 // along a ray are in world units. The medium ends at the box around the visible cells.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <glm/glm.hpp>
 #include <limits>
@@ -12,9 +13,18 @@
 #include <vector>
 
 #include "base/mix.h"
-#include "source/medium/medium_kernel.h"
+#include "source/medium/ray_grid.h"
 
 namespace slf {
+
+/// Extinctions at successive places.
+using March = std::array<float, 8>;
+
+/// Computes those at from, from + step, …, from `extinctions`, one for each entry of the grid's
+/// table. Places are clamped to the volume. REQUIRES: the grid has no labels and no structures, and
+/// its table is not logarithmic. Compiled for several instruction sets.
+void march(const RayGrid& grid, const std::vector<float>& extinctions, const glm::vec3& from,
+           const glm::vec3& step, March& to);
 
 /// Pseudorandom numbers in [0, 1) from a seed: splitmix64 (Steele, Lea, Flood 2014).
 class Random {

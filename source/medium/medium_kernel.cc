@@ -1,4 +1,4 @@
-#include "source/medium/medium_kernel.h"
+#include "source/medium/medium.h"
 
 #include <cstdint>
 #include <cstring>

@@ -1,4 +1,5 @@
-#include "source/raycast/volume_parts.h"
+// The parts of a volume as rows of its table.
+#include "source/raycast/volume_scene.h"
 
 #include <algorithm>
 #include <cmath>
@@ -8,7 +9,6 @@
 
 #include "base/join.h"
 #include "base/try.h"
-#include "source/raycast/volume_scene.h"
 #include "source/transfer/transfer_color.h"
 #include "source/volume/voxels.h"
 

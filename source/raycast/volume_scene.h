@@ -8,8 +8,8 @@
 #include <vector>
 
 #include "slf/raycaster.h"
+#include "slf/volume_parts.h"
 #include "source/raycast/raycaster_kernel.h"
-#include "source/raycast/volume_parts.h"
 
 namespace slf {
 
@@ -23,6 +23,12 @@ struct RayVoxels {
   bool finite = true;            ///< whether there is one
 };
 
+/// The row of the table that each voxel uses.
+struct PartRows {
+  std::vector<std::uint8_t> rows;
+  std::vector<double> ids;  ///< of the labels that have rows, from row 1 on
+};
+
 struct LitScene;
 
 /// RaycastOptions::shared. The keys tell all apart that the values depend on.
@@ -31,6 +37,14 @@ struct SharedScenes {
   std::map<std::string, std::shared_ptr<const PartRows>> rows{};
   std::map<std::string, std::shared_ptr<LitScene>> lit{};  ///< of which scenes show some labels
 };
+
+/// Adds a row for each part to the grid's table, and sets the row of each voxel. Looks for rows of
+/// the same volumes in `shared`, which may be null, and keeps them there: `content` tells volumes
+/// apart. usage: labels or mask do not overlap the volume. unsupported: more than 254 different
+/// labels. Needs no memory beyond the rows.
+[[nodiscard]] Result<void> add_parts(const VolumeParts& parts, const Volume& volume,
+                                     const std::string& content, SharedScenes* shared,
+                                     RayGrid& grid);
 
 /// The data that ray-caster and path tracer share. The grid points into the volume.
 struct VolumeScene {

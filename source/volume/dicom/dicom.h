@@ -1,7 +1,7 @@
 // DICOM slices: the frames of files, with their positions, scales and pixels.
 //
 // Our own parser (dicom_elements.h) reads elements, positions and uncompressed pixels, in this
-// process. GDCM decodes compressed pixels, but only in a child process (dicom_decode.h), and only
+// process. GDCM decodes compressed pixels, but only in a child process (DicomDecoder), and only
 // after our parser has accepted the file.
 #pragma once
 
