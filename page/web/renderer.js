@@ -318,8 +318,7 @@ export class Renderer {
   }
 
   // Draws all pixels that are not final, in strips, so that other work for the GPU need not wait
-  // long. fade() shows them. Resolves to whether all are final; to undefined if it ended early,
-  // once `wanted()` was false.
+  // long. fade() shows them. Resolves to false if it ended early, once `wanted()` was false.
   async sharpen(view, wanted) {
     const gl = this.gl, {width, height} = this.canvas, again = this.keeps(view);
     if (!again) this.kept = undefined;
@@ -335,13 +334,14 @@ export class Renderer {
       gl.disable(gl.SCISSOR_TEST);
       if (y + rows >= height) break;
       await this.timed(width * rows);
-      if (!wanted() || gl.isContextLost()) return undefined;
+      if (!wanted() || gl.isContextLost()) return false;
     }
     gl.activeTexture(gl.TEXTURE4);
     gl.copyTexSubImage2D(gl.TEXTURE_2D, 0, 0, 0, 0, 0, width, height);
     this.kept = view.stamp;
     this.drawn = [width, height];
-    return this.isFinal();
+    await this.done();
+    return true;
   }
   // Resolves to whether all pixels of the picture that was drawn are final.
   async isFinal() {

@@ -15,7 +15,7 @@ const kTileBytes = 192 << 20;  // of textures
 const kFrame = 40;             // milliseconds: slower frames of a moving camera have fewer pixels,
 const kMinScale = 0.2;         // but at least this share along each edge;
 const kStill = 250;            // the same for levels that others will replace
-const kFade = 12;              // frames until a finer picture has replaced a coarser one
+const kFade = 3;               // frames until a finer picture has replaced a coarser one
 const kRise = 4;               // levels a second that a part of a moving picture gets finer by
 const kLook = 250;             // milliseconds between looks at whether a level is complete
 const kPasses = 8;             // of rays that ask for tiles, at most, before these are requested
@@ -326,15 +326,21 @@ export class Viewer {
   }
 
   // Draws the pixels of the view that are not final, in full resolution, beside what is shown.
-  // Resolves to whether no pixel lacks a tile; to undefined if the view changes meanwhile.
+  // Resolves to the pages that they still need; to undefined if the view changes meanwhile.
   async sharpen(view) {
-    const asked = this.version;
-    while (this.drawing) await sleep(2);
-    if (!this.current(asked)) return undefined;
-    const done = await this.drawn(this.renderer.sharpen(view, () => this.version === asked));
-    return this.current(asked) ? done : undefined;
+    const asked = this.version, {renderer} = this;
+    if (!await this.idle(asked)) return undefined;
+    const drawn = await this.drawn(renderer.sharpen(view, () => this.version === asked));
+    const pages = drawn && await renderer.askAll(view);
+    return this.current(asked) && !renderer.gl.isContextLost() ? pages : undefined;
   }
   current(asked) { return this.version === asked && this.draws; }
+  // Waits for the picture that is being drawn or faded in: the next one is drawn in its place.
+  // Resolves to whether the view is the same.
+  async idle(asked) {
+    while ((this.drawing || this.fading > 0) && this.current(asked)) await sleep(2);
+    return this.current(asked);
+  }
 
   // Fades in the picture that was drawn; at once, if two states would be mixed.
   show() {
@@ -351,8 +357,7 @@ export class Viewer {
   // Shows a level that another one will replace, if no pixel lacks a tile of it.
   async showCoarse(view, level) {
     const asked = this.version;
-    while (this.drawing) await sleep(2);
-    if (!this.current(asked)) return false;
+    if (!await this.idle(asked)) return false;
     this.renderer.show(level, this.maskOf === this.version ? undefined : []);
     this.maskOf = this.version;
     const done = await this.quickly({...view, level}, kStill) && this.current(asked);
@@ -402,27 +407,14 @@ export class Viewer {
       }
       // A few rays find nearly all tiles. Once these are there, the rays of all pixels that are not
       // final find the last ones.
-      const sharp = thorough && await this.sharpen(view);
-      if (sharp === undefined) continue;
-      if (sharp) {
-        this.renderer.show(view.level, []);
-        this.complete ??= this.traffic();
-        this.show();
-        loader.want([...needed, ...await this.allOfLevel0(kSmall)]);
-        while (this.fading > 0 && this.current(asked)) await sleep(5);
-        if (!this.current(asked)) continue;
-        this.state = 'settled';
-        this.on.settled();
-        const {camera, canvas: {width, height}} = this, of = this.version;
-        this.cut.lightUp({camera, width, height}, () => this.current(of))
-          .catch((error) => this.on.say(error.message));
-        while (this.current(asked)) await sleep(20);
+      const [pages] = await Promise.all(
+        [again ? [] : thorough ? this.sharpen(view) : this.askFew(view, moving),
+         field.prepare(view.level)]);
+      if (!this.draws || !pages) continue;
+      if (thorough && pages.size === 0) {
+        await this.settle(view, needed);
         continue;
       }
-      const [pages] = await Promise.all(
-        [again ? [] : thorough ? this.renderer.askAll(view) : this.askFew(view, moving),
-         field.prepare(view.level)]);
-      if (!this.draws) continue;
       for (const at of pages) needed.add(at);
       const absent = loader.want([...needed], !moving);
       this.state = 'loading';
@@ -439,6 +431,21 @@ export class Viewer {
           await this.showCoarse(view, level--);
       }
     }
+  }
+  // Shows the picture that was drawn, of all tiles that the view needs, until the view changes.
+  async settle(view, needed) {
+    const asked = this.version, current = () => this.current(asked);
+    this.renderer.show(view.level, []);
+    this.complete ??= this.traffic();
+    this.show();
+    this.loader.want([...needed, ...await this.allOfLevel0(kSmall)]);
+    if (!await this.idle(asked)) return;
+    this.state = 'settled';
+    this.on.settled();
+    const {camera, canvas: {width, height}} = this;
+    this.cut.lightUp({camera, width, height}, current)
+      .catch((error) => this.on.say(error.message));
+    while (current()) await sleep(20);
   }
   // The pages that some rays need, of the view's level and of those that are shown before it. Asks
   // with more rays while the lists of references come.
@@ -459,17 +466,16 @@ export class Viewer {
   }
 
   // Waits until all tiles that are on their way have come, or the view changes. Meanwhile, if
-  // `many` tiles are on their way, shows coarser levels, each once it is complete, and draws the
-  // pixels whose tiles are there.
+  // `many` tiles are on their way, shows coarser levels, each once it is complete.
   async arrived(view, many) {
     const asked = this.version;
-    for (let next = 0; this.loader.busy && this.current(asked);) {
+    for (let next = 0, seen = -1; this.loader.busy && this.current(asked);) {
       await sleep(5);
-      const begin = performance.now();
-      if (begin < next || this.drawing) continue;
-      const reach = many ? Math.min(view.level - 1, ...this.renderer.survey(view)) : -1;
+      const begin = performance.now(), {arrivals} = this.loader;
+      if (!many || begin < next || this.drawing || arrivals === seen) continue;
+      seen = arrivals;
+      const reach = Math.min(view.level - 1, ...this.renderer.survey(view));
       if (reach > this.reached && await this.showCoarse(view, reach)) this.reached = reach;
-      else if (many && !(this.stale && this.loader.composes)) await this.sharpen(view);
       const now = performance.now();
       next = this.first ? now + Math.max(kLook, now - begin) : now;
     }

@@ -69,6 +69,16 @@ class Server:
         self.process.stdout.close()
 
 
+class Silent(Handler):
+    """A host that answers no request for the field while it is `down`."""
+    down = False
+
+    def do_GET(self):
+        while Silent.down and self.path.endswith(".slf"):
+            time.sleep(0.05)
+        return super().do_GET()
+
+
 class PageTest(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
@@ -1284,6 +1294,82 @@ class PageTest(unittest.TestCase):
         for frame in frames:
             self.assertEqual(frame["emptier"], 0)
             self.assertLessEqual(frame["steepest"], frames[-1]["steepest"] + 4)
+
+    def test_a_picture_that_fades_in_stays_whole(self):
+        """While tiles of a finer level are awaited: what is solid before and after stays solid."""
+        folder, _ = self.counted_site()
+
+        with Host(folder, handler=Silent) as host:
+            page = self.open(host.url + "/index.html#view=30,20,3&level=2&background=00ff00")
+            page.settle()
+            page.wait("!slf.statistics().busy")
+            page.run("""
+              globalThis.green = () => {
+                const canvas = slf.root.getElementById('picture'), gl = canvas.getContext('webgl2');
+                const {width, height} = canvas, frame = new Uint8Array(width * height * 4);
+                gl.bindFramebuffer(gl.READ_FRAMEBUFFER, null);
+                gl.readPixels(0, 0, width, height, gl.RGBA, gl.UNSIGNED_BYTE, frame);
+                return Float32Array.from({length: width * height}, (_, i) =>
+                  frame[4 * i + 1] - Math.max(frame[4 * i], frame[4 * i + 2]));
+              };
+              globalThis.before = green();
+              globalThis.most = new Float32Array(before.length);
+              globalThis.shoot = () => {
+                if (most) requestAnimationFrame(shoot);
+                green().forEach((value, i) => { most[i] = Math.max(most[i], value); });
+              };
+              0""")
+            Silent.down = True
+            page.run("slf.camera.fromText('75,0,3'), slf.moved(), shoot(), 0")
+            page.run("new Promise((done) => setTimeout(done, 5000))")
+            page.run("globalThis.found = most, most = undefined, 0")
+            self.assertEqual(page.run("slf.state"), "loading")
+            Silent.down = False
+            page.settle()
+            page.run("slf.settings.level = '0', slf.moved(), 0")
+            page.settle()
+            solid, emptier = page.run("""(() => {
+              const coarse = green(), width = Math.sqrt(coarse.length), around = [-2, -1, 0, 1, 2];
+              const solid = (i) => around.every((v) => around.every((u) =>
+                before[i + v * width + u] < 40 && coarse[i + v * width + u] < 40));
+              const all = [...coarse.keys()].filter(solid);
+              return [all.length, all.filter((i) => found[i] > 60).length];
+            })()""")
+            page.close()
+        print(f"{emptier} of {solid} pixels showed the background", flush=True)
+        self.assertGreater(solid, 1000)
+        self.assertEqual(emptier, 0)
+
+    def test_a_first_view_takes_few_pictures_of_pixels(self):
+        """And no pixel is drawn while nothing comes."""
+        folder, _ = self.counted_site()
+        script = """
+          globalThis.pixels = 0;
+          const {prototype} = WebGL2RenderingContext, {drawArrays} = prototype;
+          prototype.drawArrays = function (...all) {
+            const box = this.isEnabled(this.SCISSOR_TEST) ? this.SCISSOR_BOX : this.VIEWPORT;
+            const [, , width, height] = this.getParameter(box);
+            pixels += width * height / this.canvas.width / this.canvas.height;
+            return drawArrays.apply(this, all);
+          };"""
+
+        with Host(folder, handler=Silent) as host:
+            page = self.open(host.url + "/index.html#view=30,20,3&level=2", script=script)
+            page.settle()
+            first = page.run("pixels")
+            page.wait("!slf.statistics().busy")
+            Silent.down = True
+            page.run("slf.camera.fromText('75,0,3'), slf.moved(), 0")
+            page.run("new Promise((done) => setTimeout(done, 3000))")
+            page.run("pixels = 0")
+            page.run("new Promise((done) => setTimeout(done, 3000))")
+            waiting = page.run("pixels")
+            Silent.down = False
+            page.close()
+        print(f"{first:.1f} pictures until the first view, {waiting:.1f} while nothing comes",
+              flush=True)
+        self.assertLessEqual(first, 12)
+        self.assertLessEqual(waiting, 1)
 
     def test_an_outage_is_waited_out(self):
         folder, _ = self.counted_site()
