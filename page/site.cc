@@ -359,8 +359,9 @@ std::string escape_html(std::string_view text) {
 
 std::string page_with(const About& about, std::string_view attributes, std::string_view content) {
   std::string html(file_named(kIndexFile));
-  replace_first(html, "<slf-field src=\"field.slf\" own address>\n",
-                concat("<slf-field ", attributes, " address>\n", about_element(about), content));
+  replace_first(html, "<slf-field src=\"field.slf\" own address role=\"main\">\n",
+                concat("<slf-field ", attributes, " address role=\"main\">\n", about_element(about),
+                       content));
   if (!about.title.empty())
     replace_first(html, "<title>Sphere light field", "<title>" + escape_html(about.title));
   return html;

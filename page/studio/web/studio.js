@@ -233,8 +233,9 @@ for (const id of ['low', 'high'])
 
 function showPresets() {
   const preset = ({name, description, function: fn}, k) => {
-    const button = make('button', {title: description}, make('img', {
-      src: `preset/${k}`, alt: '', loading: 'lazy'}), make('span', {textContent: name}));
+    const image = make('img', {src: `preset/${k}`, alt: '', loading: 'lazy'});
+    image.onerror = () => image.replaceWith(make('i', {textContent: 'shows nothing'}));
+    const button = make('button', {title: description}, image, make('span', {textContent: name}));
     button.onclick = () => {
       curve.show(fn, state.histogram);
       set('transfer', fn);
