@@ -28,20 +28,10 @@ object, comma and period step through them, C cuts the object by a plane.</p>
   </header>
   <slot name="about"></slot>
   <div id="settings">
-    <dl>
-      <dt>Loaded</dt><dd id="bytes">–</dd>
-      <dt>Tiles</dt><dd id="tiles">–</dd>
-      <dt>Frames a second</dt><dd id="rate">–</dd>
-    </dl>
     <div id="states" hidden>
       <label>State <select id="state"></select></label>
       <button id="play" type="button" aria-pressed="false" title="P">Play</button>
     </div>
-    <label>Mode <select id="mode">
-      <option value="depth">depth</option>
-      <option value="bitri">bitri</option>
-    </select></label>
-    <label>Level <select id="level"><option value="auto">auto</option></select></label>
     <div id="tones" hidden>
       <label>Tones <select id="curve">
         <option value="neutral">neutral</option>
@@ -109,7 +99,17 @@ object, comma and period step through them, C cuts the object by a plane.</p>
 the folder of this page: <input id="file" type="file" accept=".slf" aria-label="Field"></p>
 <dialog id="facts" aria-labelledby="facts-title">
   <h2 id="facts-title">About the data</h2>
-  <dl id="facts-list"></dl>
+  <dl>
+    <div id="facts-list"></div>
+    <dt>Loaded</dt><dd id="bytes">–</dd>
+    <dt>Tiles</dt><dd id="tiles">–</dd>
+    <dt>Frames a second</dt><dd id="rate">–</dd>
+  </dl>
+  <label>Mode <select id="mode">
+    <option value="depth">depth</option>
+    <option value="bitri">bitri</option>
+  </select></label>
+  <label>Level <select id="level"><option value="auto">auto</option></select></label>
   <form method="dialog"><button>Close</button></form>
 </dialog>`;
 
@@ -272,6 +272,7 @@ dialog {
 }
 dialog h2 { margin: 0 0 10px; font-size: 16px; }
 dialog dd { text-align: left; }
+#facts-list { display: contents; }
 dialog form { margin-top: 14px; text-align: right; }
 
 @container (min-width: 521px) and (max-width: 1110px) {  /* the panel ends above #views */
