@@ -9,8 +9,7 @@ from typing import Any, Callable, Literal, Mapping, Sequence, Unpack, overload
 import numpy as np
 
 from . import _slf
-from ._field import (AnyCamera, Array, Field, Path, Size, State, camera_tuple, check_dtype,
-                     finished_picture)
+from ._field import (AnyCamera, Array, Field, Path, Size, State, check_dtype, finished_picture)
 from ._errors import UsageError
 from ._notebook import Studio, server_base
 from ._progress import Progress, reporter
@@ -63,8 +62,9 @@ def build(source: Any, out: Path, *, states: Sequence[Mapping[str, Any]] = (),
     with contextlib.ExitStack() as stack, reporter(progress, "build") as report:
         recipe, scenes = described(stack, source, settings, states=states, known=BuildSettings,
                                    report=report, folder=folder, threads=threads)
-        built = _slf.build(recipe, scenes, out, memory, threads, float(commit_every), force,
-                           shard, only_levels, coarser, report)
+        built = _slf.build(recipe, scenes, out, report, memory=memory, threads=threads,
+                           commit_every=commit_every, force=force, shard=shard,
+                           only_levels=only_levels, coarser=coarser)
     field = Field(out, threads=threads)
     field.build_report = built
     return field
@@ -116,8 +116,8 @@ def raycast(source: Any, camera: AnyCamera = orbit(), size: Size = (512, 512), *
         known: dict[State, Any] = {k: scene for k, (_, scene) in enumerate(scenes)} | dict(scenes)
         if state not in known:
             raise UsageError(f"no state {state!r}; there are {', '.join(dict(scenes)) or 'none'}")
-        view = camera_tuple(_slf.bounds_of(scenes), camera, size)
-        colors, distance = known[state].raycast(view, threads, report)
+        colors, distance = known[state].raycast(_slf.bounds_of(scenes), camera, size, threads,
+                                                report)
     picture = finished_picture(colors, dtype, background)
     return Picture(picture, distance) if depth else picture
 
@@ -138,4 +138,4 @@ def studio(source: Any, out: Path, *, save: Path = "", threads: int = 0,
         raise UsageError("studio: not for scenes of Python")
     folder = os.path.dirname(os.fspath(out)) or None
     recipe = recipe_of({"source": source, **settings}, False, folder, [], {})
-    return Studio(_slf.Studio(recipe, out, save, threads, server_base() is not None))
+    return Studio(recipe, out, save, threads, server_base() is not None)

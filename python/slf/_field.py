@@ -42,17 +42,6 @@ _DEFAULT_MEMORY = 256 << 20
 _THUMBNAIL_MEMORY = 16 << 20
 
 
-def camera_tuple(sphere: Sphere, camera: AnyCamera, size: Size) -> tuple[Any, ...]:
-    """A camera as the extension module takes it."""
-    width, height = (int(side) for side in size)
-    if width < 1 or height < 1 or width * height > 1 << 28:
-        raise UsageError(f"size {size}: expected (width, height), at least 1 and at most 2^28 "
-                         "pixels")
-    if isinstance(camera, Orbit):
-        return _slf.orbit_camera(sphere, tuple(camera), width, height)
-    return (*camera, width, height)
-
-
 def finished_picture(rgba: Array, dtype: Any,
                      background: Sequence[float] | None) -> Array:
     """Composites over a background and converts to the type that was asked for."""
@@ -110,7 +99,6 @@ class Field:
         self._opened_with = (path, memory, threads, state)
         self._structures: Structures | None = None
         self._composed: tuple[list[Any] | None, _slf.Field] | None = None
-        self._states: dict[State, _slf.Field] = {}
         self._others: dict[State, Field] = {}
         self._servers: dict[str, _slf.Server] = {}
         with reporter(progress, "fetch") as report:
@@ -131,7 +119,6 @@ class Field:
     def close(self) -> None:
         """Closes the file. A second call does nothing."""
         self._open = self._composed = None
-        self._states.clear()
         self._others.clear()
         while self._servers:
             self._servers.popitem()[1].close()
@@ -181,27 +168,22 @@ class Field:
         slf.UsageError: there is none."""
         other = self._others.get(state)
         if other is None or other.closed:
-            other = self._others[state] = self._variant(self._in_state(state), None)
+            other = self._others[state] = self._variant(self._field.in_state(state), None)
             other._opened_with = (*self._opened_with[:3], state)
         return other
-
-    def _in_state(self, state: State) -> _slf.Field:
-        if state not in self._states:
-            self._states[state] = self._field.in_state(state)
-        return self._states[state]
 
     def _variant(self, opened: _slf.Field, structures: Structures | None) -> Field:
         """A field that shows something else of the same file."""
         other = object.__new__(Field)
         other.__dict__.update(self.__dict__, _open=opened, _structures=structures, _composed=None,
-                              _states={}, _others={}, _servers={})
+                              _others={}, _servers={})
         return other
 
     def _drawn(self, state: State | None, structures: Structures | None) -> _slf.Field:
         """What calls with these arguments draw."""
         if structures is None:
             if state is not None:
-                return self._in_state(state)
+                return self.in_state(state)._field
             if self._structures is not None or self._opened_with[3] is not None or not self.states:
                 return self._field
         looks = None if structures is None else _looks(structures)
@@ -220,7 +202,7 @@ class Field:
 
     def camera(self, camera: AnyCamera, size: Size = (512, 512)) -> Camera:
         """The camera that an orbit stands for, for a picture of this size."""
-        return Camera(*camera_tuple(self.sphere, camera, size)[:4])
+        return self._field.camera(camera, size)  # type: ignore[no-any-return]
 
     def _level(self, level: LevelName) -> int | None:
         if level == "matching":
@@ -278,8 +260,8 @@ class Field:
         """
         display = check_dtype(dtype) == np.uint8 or background is not None
         colors, distance = self._drawn(state, structures).render(
-            camera_tuple(self.sphere, camera, size), mode, self._level(level), depth, tone, display,
-            None, list(clip), cap)
+            camera, size, mode=mode, level=self._level(level), depth=depth, tone=tone,
+            display=display, clip=clip, cap=cap)
         picture = finished_picture(colors, dtype, background)
         return Picture(picture, distance) if depth else picture
 
@@ -312,8 +294,7 @@ class Field:
 
         Raises slf.UsageError for a place outside the picture, and for a field without depths.
         """
-        return self._drawn(state, structures).pick(camera_tuple(self.sphere, camera, size), x, y,
-                                                   list(clip), cap)
+        return self._drawn(state, structures).pick(x, y, camera, size, clip, cap)
 
     def reveal(self) -> tuple[Array, Array] | None:
         """The small copy of the volume that the field keeps for cuts: its values [z, y, x], and the
@@ -357,8 +338,7 @@ class Field:
         state, structures: as in render().
         """
         colors, _ = self._drawn(state, structures).render(
-            camera_tuple(self.sphere, orbit(), (size, size)), None, self._level("matching"), False,
-            None, True, _THUMBNAIL_MEMORY, [], "")
+            orbit(), (size, size), display=True, memory=_THUMBNAIL_MEMORY)
         return finished_picture(colors, np.uint8, background)
 
     def player(self, mode: str | None = None, level: LevelName = "finest", loading: str = "ahead",
@@ -372,8 +352,8 @@ class Field:
         mode, level, state, structures: as in render().
         """
         number = self._level(level)
-        return Player(self, self._drawn(state, structures).player(
-            mode, self.finest_level if number is None else number, loading, horizon))
+        return Player(self._drawn(state, structures), mode,
+                      self.finest_level if number is None else number, loading, horizon)
 
     # -- tiles ------------------------------------------------------------------------------------
 
@@ -411,12 +391,6 @@ class Field:
 
     # -- measures ---------------------------------------------------------------------------------
 
-    def _cameras(self, cameras: int | Sequence[AnyCamera], size: Size,
-                 distance: float) -> list[tuple[Any, ...]]:
-        if isinstance(cameras, int):
-            return _slf.random_cameras(self.sphere, distance, cameras, 1, *size)
-        return [camera_tuple(self.sphere, camera, size) for camera in cameras]
-
     def measure(self, cameras: int | Sequence[AnyCamera] = 8, size: Size = (512, 512),
                 mode: str | None = None, levels: Sequence[int] = (), *, distance: float = 3,
                 state: State | None = None, structures: Structures | None = None,
@@ -430,7 +404,7 @@ class Field:
         """
         with reporter(progress, "measure") as report:
             return self._drawn(state, structures).measure(
-                self._cameras(cameras, size, distance), mode, list(levels), report)
+                cameras, size, distance, mode, levels, report)
 
     def evaluate(self, scene: Any, cameras: int | Sequence[AnyCamera] = 8, size: Size = (256, 256),
                  mode: str | None = None, level: LevelName = "finest", *, distance: float = 3,
@@ -448,8 +422,8 @@ class Field:
         with contextlib.ExitStack() as stack, reporter(progress, "evaluate") as report:
             _, [(_, truth)] = described(stack, scene, settings, known=SourceSettings,
                                         truth_of=drawn.provenance)
-            evaluation = _slf.evaluate(drawn, truth, self._cameras(cameras, size, distance),
-                                       mode, self._level(level), supersample, report)
+            evaluation = _slf.evaluate(drawn, truth, cameras, size, distance, mode,
+                                       self._level(level), supersample, report)
         if evaluation.differs:
             warnings.warn(f"{self.path} was built from another source ({evaluation.differs} "
                           "differs): the figures compare two different objects", stacklevel=2)
@@ -490,7 +464,7 @@ class Field:
         key = repr((views, first))
         if key not in self._servers or isinstance(views, (str, os.PathLike)):
             # A proxy passes on the name of its own host.
-            server = _slf.Server(self.path, *_views(views), server_base() is not None, *first)
+            server = _slf.Server(self.path, views, server_base() is not None, *first)
             if key in self._servers:
                 self._servers[key].close()
             self._servers[key] = server
@@ -501,37 +475,22 @@ class Field:
         return None if self._open is None else bundle(self)
 
 
-class Player:
+class Player(_slf.Player):
     """Draws the frames of a moving camera on time. Made by Field.player(). A context manager."""
 
-    def __init__(self, field: Field, player: _slf.Player) -> None:
-        self._sphere = field.sphere
-        self._player = player
-        self.report: Frame | None = None
-        """How the last frame was drawn."""
+    report: Frame | None = None
+    """How the last frame was drawn."""
+
+    def __init__(self, *played: Any) -> None:
+        super().__init__(*played)
         _with_threads.add(self)
-
-    def close(self) -> None:
-        """Ends the thread that loads tiles, and closes the file. A second call does nothing."""
-        self._player.close()
-
-    def __enter__(self) -> Player:
-        return self
-
-    def __exit__(self, *raised: Any) -> None:
-        self.close()
 
     def draw(self, camera: AnyCamera, size: Size = (512, 512), dtype: Any = np.float32,
              background: Sequence[float] | None = None, tone: Tone | None = None) -> Array:
         """The next frame, as Field.render(). Draws coarser levels where tiles are not loaded."""
         display = check_dtype(dtype) == np.uint8 or background is not None
-        colors, self.report = self._player.draw(camera_tuple(self._sphere, camera, size),
-                                                tone, display)
+        colors, self.report = super().draw(camera, size, tone, display)
         return finished_picture(colors, dtype, background)
-
-    def settle(self) -> None:
-        """Waits until all tiles are loaded that are being loaded."""
-        self._player.settle()
 
 
 _with_threads: "weakref.WeakSet[Field | Player]" = weakref.WeakSet()
@@ -574,7 +533,8 @@ def verify(field: Field | Path, *, quick: bool = False, fix: bool = False,
     """
     path, handle = (field.path, field._field) if isinstance(field, Field) else (field, None)
     with reporter(progress, "verify") as report:
-        return _slf.verify(path, None if fix else handle, quick, fix, memory, threads, report)
+        return _slf.verify(path, None if fix else handle, report, quick=quick, fix=fix,
+                           memory=memory, threads=threads)
 
 
 def _opened(field: Field | Path) -> contextlib.AbstractContextManager[Field]:
@@ -604,8 +564,10 @@ def repack(field: Field | Path | Sequence[Field | Path], out: Path, *,
         opened = [stack.enter_context(_opened(one)) for one in given]
         sources = [(one._field, [str(state) for state in states or (one._opened_with[3],)
                                  if state is not None]) for one in opened]
-        done = _slf.repack(sources, out, codec, depth, finest_level, sorted(subfields), half, light,
-                           reveal, memory, threads, force, report)
+        done = _slf.repack(
+            sources, out, report, codec=codec, depth=depth, finest_level=finest_level,
+            subfields=sorted(subfields), half=half, light=light, reveal=reveal, memory=memory,
+            threads=threads, force=force)
     return done  # type: ignore[no-any-return]
 
 
@@ -616,7 +578,7 @@ def merge(parts: Sequence[Path], out: Path, *, part: bool = False, memory: int =
     memory: as in repack().
     """
     with reporter(progress, "merge") as report:
-        return _slf.merge(parts, out, part, memory, threads, force, report)
+        return _slf.merge(parts, out, report, part=part, memory=memory, threads=threads, force=force)
 
 
 def diff(a: Field | Path, b: Field | Path, *, threads: int = 0,
@@ -625,13 +587,6 @@ def diff(a: Field | Path, b: Field | Path, *, threads: int = 0,
     with _opened(a) as left, _opened(b) as right, reporter(progress, "diff") as report:
         all_states = left._opened_with[3] is None and right._opened_with[3] is None
         return _slf.diff(left._field, right._field, threads, all_states, report)
-
-
-def _views(views: AnyViews) -> tuple[Path, str | None]:
-    """A name for messages, and JSON, or None for the file of that name."""
-    if views is None:
-        return "", None
-    return ("views", json.dumps(views)) if isinstance(views, dict) else (views, None)
 
 
 def export(field: Field | Path, out: Path, *, views: AnyViews = None, state: State | None = None,
@@ -656,15 +611,13 @@ def export(field: Field | Path, out: Path, *, views: AnyViews = None, state: Sta
     slf.BadFileError: `views` are none.
     """
     with _opened(field) as source, reporter(progress, "export") as report:
-        own = source._opened_with[3] if source._structures is None else None
-        if own is not None and not states and state is structures is None:
-            return _slf.export_field(source.path, out, *_views(views), "", [], [str(own)], codec,
-                                     depth, reveal, finest_level, max_size, title, url, threads,
-                                     force, report)
-        return _slf.export_field(source.path, out, *_views(views),
-                                 *source._first(state, structures), [str(one) for one in states],
-                                 codec, depth, reveal, finest_level, max_size, title, url,
-                                 threads, force, report)
+        first, own = source._first(state, structures), source._opened_with[3]
+        if own is not None and source._structures is state is structures is None and not states:
+            first, states = ("", []), [own]
+        return _slf.export_field(
+            source.path, out, views, *first, report, states=[str(one) for one in states],
+            codec=codec, depth=depth, reveal=reveal, finest_level=finest_level, max_size=max_size,
+            title=title, url=url, threads=threads, force=force)
 
 
 def is_half(color_type: str) -> bool:

@@ -162,22 +162,9 @@ class View:
                        "trust the notebook to turn it.", f"srcdoc='{text}'", **first)
 
 
-class Studio:
+class Studio(_slf.Studio):
     """A page on which colours, light and cuts are chosen, at a URL. Made by slf.studio(). A context
     manager."""
-
-    def __init__(self, server: _slf.Studio) -> None:
-        self._server, self.url = server, server.url
-
-    def close(self) -> None:
-        """Ends the server. What was not saved is kept as a draft. A second call does nothing."""
-        self._server.close()
-
-    def __enter__(self) -> Studio:
-        return self
-
-    def __exit__(self, *raised: Any) -> None:
-        self.close()
 
     def __repr__(self) -> str:
         return f"<slf studio at {self.url}>"

@@ -86,6 +86,14 @@ class LongCall {
   std::optional<py::error_already_set> raised_;
 };
 
+/// Adds a class's close(), and makes it a context manager.
+template <class Class, class Close>
+Class& bind_closing(Class&& type, Close close, const char* help) {
+  return type.def("close", close, help)
+      .def("__enter__", [](py::object self) { return self; })
+      .def("__exit__", [](const py::object& self, const py::args&) { self.attr("close")(); });
+}
+
 /// Registers the translation of errors, and what happens at exit.
 void bind_calls(py::module_& module);
 

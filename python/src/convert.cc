@@ -2,15 +2,37 @@
 
 #include <cmath>
 
+#include "base/join.h"
 #include "calls.h"
 
 namespace slf::python {
 
-std::vector<Camera> cameras_of(const std::vector<CameraTuple>& tuples) {
-  std::vector<Camera> cameras;
-  cameras.reserve(tuples.size());
-  for (const CameraTuple& tuple : tuples) cameras.push_back(camera_of(tuple));
-  return cameras;
+constexpr double kMaxPixels = 1 << 28;
+
+Camera camera_of(const Sphere& sphere, const CameraTuple& camera, const SizeTuple& size) {
+  if (!(size[0] >= 1 && size[1] >= 1 && size[0] * size[1] <= kMaxPixels))
+    throw Failure({ErrorCode::usage, concat("size (", size[0], ", ", size[1],
+                                            "): expected (width, height), at least 1 and at most "
+                                            "2^28 pixels")},
+                  "");
+  const auto width = static_cast<std::uint32_t>(size[0]);
+  const auto height = static_cast<std::uint32_t>(size[1]);
+  if (const auto* orbit = std::get_if<Triple>(&camera))
+    return orbit_camera(sphere, (*orbit)[0], (*orbit)[1], (*orbit)[2], width, height);
+  const auto& [eye, look_at, up, fov] = std::get<0>(camera);
+  return {vector_of(eye), vector_of(look_at), vector_of(up), fov, width, height};
+}
+
+std::vector<Camera> cameras_of(const Sphere& sphere, const CameraTuples& cameras,
+                               const SizeTuple& size, double distance) {
+  if (const auto* count = std::get_if<std::uint32_t>(&cameras)) {
+    const Camera like = camera_of(sphere, Triple{0, 0, distance}, size);
+    return random_cameras(sphere, distance, *count, 1, like.width, like.height);
+  }
+  std::vector<Camera> made;
+  for (const CameraTuple& camera : std::get<1>(cameras))
+    made.push_back(camera_of(sphere, camera, size));
+  return made;
 }
 
 py::object tuple_of(const Sphere& sphere) {

@@ -10,6 +10,7 @@
 #include <string>
 #include <tuple>
 #include <utility>
+#include <variant>
 #include <vector>
 
 #include "base/report.h"
@@ -25,8 +26,12 @@ namespace slf::python {
 namespace py = pybind11;
 
 using Triple = std::array<double, 3>;
-/// slf._types.Camera with the picture's size: eye, look_at, up, fov, width, height.
-using CameraTuple = std::tuple<Triple, Triple, Triple, double, std::uint32_t, std::uint32_t>;
+/// slf._types.Camera: eye, look_at, up and fov; or Orbit: azimuth, elevation and distance.
+using CameraTuple = std::variant<std::tuple<Triple, Triple, Triple, double>, Triple>;
+/// A number of random ones, or a list.
+using CameraTuples = std::variant<std::uint32_t, std::vector<CameraTuple>>;
+/// Of a picture: width and height, rounded down.
+using SizeTuple = std::array<double, 2>;
 /// slf._types.Sphere: centre and radius.
 using SphereTuple = std::tuple<Triple, double>;
 /// slf._types.Tone: exposure and curve.
@@ -67,14 +72,11 @@ py::object python_of(const T& value) {
 inline glm::dvec3 vector_of(const Triple& v) { return {v[0], v[1], v[2]}; }
 inline Triple triple_of(const glm::dvec3& v) { return {v.x, v.y, v.z}; }
 
-inline Camera camera_of(const CameraTuple& tuple) {
-  const auto& [eye, look_at, up, fov, width, height] = tuple;
-  return {vector_of(eye), vector_of(look_at), vector_of(up), fov, width, height};
-}
-inline CameraTuple tuple_of(const Camera& c) {
-  return {triple_of(c.eye), triple_of(c.look_at), triple_of(c.up), c.fov, c.width, c.height};
-}
-std::vector<Camera> cameras_of(const std::vector<CameraTuple>& tuples);
+/// Throws if the size is none of a picture.
+Camera camera_of(const Sphere& sphere, const CameraTuple& camera, const SizeTuple& size);
+/// `distance`: of random ones, in radii.
+std::vector<Camera> cameras_of(const Sphere& sphere, const CameraTuples& cameras,
+                               const SizeTuple& size, double distance);
 
 inline Sphere sphere_of(const SphereTuple& tuple) {
   return {vector_of(std::get<0>(tuple)), std::get<1>(tuple)};
@@ -86,6 +88,25 @@ py::object tuple_of(const FieldShape& shape);
 ToneMapping tone_of(const ToneTuple& tuple);
 inline std::optional<ToneMapping> tone_of(const std::optional<ToneTuple>& tuple) {
   return tuple ? std::optional(tone_of(*tuple)) : std::nullopt;
+}
+
+/// Sets members of options to the keyword arguments of these names:
+/// read(given, "codec", options.codec, ...). Throws if one has another type, or another name.
+inline void read(const py::kwargs& given) {
+  for (const auto& [name, value] : given)
+    throw py::type_error("unexpected argument " + name.cast<std::string>());
+}
+template <class T, class... Rest>
+void read(const py::kwargs& given, const char* name, T& member, Rest&&... rest) {
+  if (given.contains(name)) {
+    const py::object value = given.attr("pop")(name);
+    try {
+      member = value.cast<T>();
+    } catch (const py::cast_error&) {
+      throw py::type_error(name + (": unexpected value " + py::repr(value).cast<std::string>()));
+    }
+  }
+  read(given, std::forward<Rest>(rest)...);
 }
 
 }  // namespace slf::python

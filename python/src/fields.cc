@@ -81,17 +81,25 @@ ViewOptions view_of(const Field& field, const std::optional<std::string>& mode,
   return view;
 }
 
-py::tuple render(OpenField& open, const CameraTuple& camera, const std::optional<std::string>& mode,
-                 std::optional<unsigned> level, bool depth, const std::optional<ToneTuple>& tone,
-                 bool display, std::optional<std::uint64_t> memory, const PlaneTuples& clip,
-                 const std::string& cap) {
+py::tuple render(OpenField& open, const CameraTuple& camera, const SizeTuple& size,
+                 const py::kwargs& given) {
+  std::optional<std::string> mode;
+  std::optional<unsigned> level;
+  std::optional<ToneTuple> tone;
+  std::optional<std::uint64_t> memory;
+  bool depth = false, display = false;
+  PlaneTuples clip;
+  std::string cap;
+  read(given, "mode", mode, "level", level, "depth", depth, "tone", tone, "display", display,
+       "memory", memory, "clip", clip, "cap", cap);
   ViewOptions view = view_of(open.field(), mode, level, depth);
+  const Camera from = camera_of(open.field().shape().sphere, camera, size);
   open.renewed();
   LongCall call;
   const auto mapping = tone_of(tone);
   auto image = call.value(open.field().path(), [&]() -> Result<Image> {
     SLF_TRY(open.cut(view, planes_of(clip), cap));
-    auto drawn = SLF_TRY(open.render(camera_of(camera), view, memory, call.progress()));
+    auto drawn = SLF_TRY(open.render(from, view, memory, call.progress()));
     SLF_TRY(map_tones(open.field(), mapping, display, drawn));
     return drawn;
   });
@@ -99,14 +107,15 @@ py::tuple render(OpenField& open, const CameraTuple& camera, const std::optional
   return py::make_tuple(colors, depths_of(image));
 }
 
-py::object pick(OpenField& open, const CameraTuple& camera, double x, double y,
-                const PlaneTuples& clip, const std::string& cap) {
+py::object pick(OpenField& open, double x, double y, const CameraTuple& camera,
+                const SizeTuple& size, const PlaneTuples& clip, const std::string& cap) {
+  const Camera from = camera_of(open.field().shape().sphere, camera, size);
   open.renewed();
   LongCall call;
   const auto found = call.value(open.field().path(), [&]() -> Result<std::optional<PickedPoint>> {
     ViewOptions cut;
     SLF_TRY(open.cut(cut, planes_of(clip), cap));
-    return open.drawn([&](Renderer& by) { return slf::pick(by, camera_of(camera), x, y, cut); });
+    return open.drawn([&](Renderer& by) { return slf::pick(by, from, x, y, cut); });
   });
   return python_of(found);
 }
@@ -166,9 +175,11 @@ py::tuple rays(const OpenField& open, unsigned level, std::uint64_t entry, std::
 
 // ---- checks and measures -----------------------------------------------------------------------
 
-py::object verify(const Text& path, const OpenField* open, bool quick, bool fix,
-                  std::uint64_t memory, unsigned threads, py::object progress) {
-  const VerifyOptions options{.quick = quick, .fix = fix, .memory = memory, .threads = threads};
+py::object verify(const Text& path, const OpenField* open, py::object progress,
+                  const py::kwargs& given) {
+  VerifyOptions options;
+  read(given, "quick", options.quick, "fix", options.fix, "memory", options.memory, "threads",
+       options.threads);
   LongCall call(std::move(progress));
   const auto report = call.value(path, [&] {
     return open ? verify_field(open->field(), options, call.progress())
@@ -177,11 +188,11 @@ py::object verify(const Text& path, const OpenField* open, bool quick, bool fix,
   return python_of(report);
 }
 
-py::object measure(const OpenField& open, const std::vector<CameraTuple>& cameras,
-                   const std::optional<std::string>& mode, const std::vector<unsigned>& levels,
-                   py::object progress) {
+py::object measure(const OpenField& open, const CameraTuples& cameras, const SizeTuple& size,
+                   double distance, const std::optional<std::string>& mode,
+                   const std::vector<unsigned>& levels, py::object progress) {
   MeasureOptions options;
-  options.cameras = cameras_of(cameras);
+  options.cameras = cameras_of(open.field().shape().sphere, cameras, size, distance);
   options.mode = view_of(open.field(), mode, {}, false).mode;
   options.levels = levels;
   options.renderer = open.options();
@@ -196,7 +207,7 @@ py::object measure(const OpenField& open, const std::vector<CameraTuple>& camera
 /// alone, because the thread that it would wait for is missing there.
 struct OpenPlayer {
   OpenPlayer(Player made, const Field& of)
-      : player(std::make_unique<Player>(std::move(made))), field(of) {}
+      : player(std::make_unique<Player>(std::move(made))), field(of), sphere(of.shape().sphere) {}
   ~OpenPlayer() {
     if (forked()) (void)player.release();
   }
@@ -206,6 +217,7 @@ struct OpenPlayer {
 
   std::unique_ptr<Player> player;
   std::optional<Field> field;
+  const Sphere sphere;
   std::mutex mutex;
   const pid_t process = getpid();
 };
@@ -225,8 +237,9 @@ std::unique_ptr<OpenPlayer> make_player(const OpenField& open,
                                       open.field());
 }
 
-py::tuple draw(OpenPlayer& open, const CameraTuple& camera, const std::optional<ToneTuple>& tone,
-               bool display) {
+py::tuple draw(OpenPlayer& open, const CameraTuple& camera, const SizeTuple& size,
+               const std::optional<ToneTuple>& tone, bool display) {
+  const Camera from = camera_of(open.sphere, camera, size);
   const auto mapping = tone_of(tone);
   Image image;
   FrameReport report;
@@ -236,7 +249,7 @@ py::tuple draw(OpenPlayer& open, const CameraTuple& camera, const std::optional<
       return fail(ErrorCode::usage, "the player is of the process that this one was forked from");
     const std::lock_guard lock(open.mutex);
     if (!open.player) return fail(ErrorCode::usage, "the player is closed");
-    SLF_TRY(open.player->draw(camera_of(camera), image, &report));
+    SLF_TRY(open.player->draw(from, image, &report));
     return map_tones(*open.field, mapping, display, image);
   }));
   return py::make_tuple(colors_of(image), python_of(report));
@@ -310,24 +323,17 @@ void bind_fields(py::module_& module) {
       .def("tile", tile)
       .def("rays", rays)
       .def("measure", measure)
-      .def("player", make_player);
-  py::class_<OpenPlayer>(module, "Player")
+      .def("camera", [](const OpenField& open, const CameraTuple& camera, const SizeTuple& size) {
+        const Camera made = camera_of(open.field().shape().sphere, camera, size);
+        return tuple_named("Camera", python_of(made.eye), python_of(made.look_at),
+                           python_of(made.up), made.fov);
+      });
+  bind_closing(py::class_<OpenPlayer>(module, "Player"), close,
+               "Ends the thread that loads tiles, and closes the file. A second call does nothing.")
+      .def(py::init(&make_player))
       .def("draw", draw)
-      .def("settle", settle)
-      .def("close", close);
+      .def("settle", settle, "Waits until all tiles are loaded that are being loaded.");
   module.def("verify", verify);
-  module.def("orbit_camera", [](const SphereTuple& sphere, const Triple& orbit, std::uint32_t width,
-                                std::uint32_t height) {
-    return tuple_of(orbit_camera(sphere_of(sphere), orbit[0], orbit[1], orbit[2], width, height));
-  });
-  module.def("random_cameras", [](const SphereTuple& sphere, double distance, std::uint32_t count,
-                                  std::uint64_t seed, std::uint32_t width, std::uint32_t height) {
-    std::vector<CameraTuple> out;
-    for (const Camera& camera :
-         random_cameras(sphere_of(sphere), distance, count, seed, width, height))
-      out.push_back(tuple_of(camera));
-    return out;
-  });
 }
 
 }  // namespace slf::python

@@ -83,10 +83,13 @@ void check_page() {
   if (page::page_files().empty()) throw Failure({ErrorCode::unsupported, page::no_page()}, "");
 }
 
-/// Views as Python has them: a name for messages, and JSON, or none to read the file of that name.
-page::ViewsFile views_of(const Text& name, const std::optional<Text>& json) {
-  if (name.empty()) return {};
-  return json ? page::ViewsFile{name, *json} : value_of(page::read_views(name), name);
+/// Views as Python has them: None, a file, or what such a file has.
+page::ViewsFile views_of(const py::object& views) {
+  if (views.is_none()) return {};
+  if (py::isinstance<py::dict>(views))
+    return {"views", py::module_::import("json").attr("dumps")(views).cast<std::string>()};
+  const auto name = views.cast<Text>();
+  return value_of(page::read_views(name), name);
 }
 
 page::First first_of(const Text& state, const LookTuples& structures) {
@@ -95,24 +98,20 @@ page::First first_of(const Text& state, const LookTuples& structures) {
   return first;
 }
 
-py::object export_field(const Text& field, const Text& output, const Text& views,
-                        const std::optional<Text>& json, const Text& state,
-                        const LookTuples& structures, const Texts& states, const std::string& codec,
-                        bool depth, bool reveal, std::optional<unsigned> levels,
-                        std::uint64_t max_size, const Text& title, const Text& url,
-                        unsigned threads, bool force, py::object progress) {
-  page::ExportOptions options;
+py::object export_field(const Text& field, const Text& output, const py::object& views,
+                        const Text& state, const LookTuples& structures, py::object progress,
+                        const py::kwargs& given) {
+  page::ExportOptions options{.views = views_of(views), .first = first_of(state, structures)};
+  Texts states;
+  Text title, url;
+  bool force = false;
+  read(given, "states", states, "codec", options.repack.codec, "depth", options.repack.depth,
+       "reveal", options.repack.reveal, "finest_level", options.repack.levels, "threads",
+       options.repack.threads, "max_size", options.max_size, "title", title, "url", url, "force",
+       force);
   options.states.assign(states.begin(), states.end());
-  options.repack.codec = codec;
-  options.repack.depth = depth;
-  options.repack.reveal = reveal;
-  options.repack.levels = levels;
-  options.repack.threads = threads;
-  options.max_size = max_size;
   options.title = title;
   options.url = url;
-  options.views = views_of(views, json);
-  options.first = first_of(state, structures);
   options.existing = force ? Existing::replace : Existing::keep;
   LongCall call(std::move(progress));
   return python_of(call.value(field, [&] {
@@ -128,18 +127,20 @@ py::object export_field(const Text& field, const Text& output, const Text& views
 
 void bind_views(py::module_& module) {
   py::class_<ViewServer>(module, "Server")
-      .def(py::init([](const Text& field, const Text& views, const std::optional<Text>& json,
-                       bool any_host, const Text& state, const LookTuples& structures) {
+      .def(py::init([](const Text& field, const py::object& views, bool any_host, const Text& state,
+                       const LookTuples& structures) {
         check_page();
         return std::make_unique<ViewServer>(
             std::vector<std::string>{field}, field,
             page::ServerOptions{.any_host = any_host,
-                                .views = views_of(views, json),
+                                .views = views_of(views),
                                 .first = first_of(state, structures)});
       }))
       .def_property_readonly("url", [](const ViewServer& server) { return Text(server.url()); })
       .def("close", &ViewServer::close);
-  py::class_<StudioServer>(module, "Studio")
+  bind_closing(
+      py::class_<StudioServer>(module, "Studio"), &StudioServer::close,
+      "Ends the server. What was not saved is kept as a draft. A second call does nothing.")
       .def(py::init([](const Recipe& recipe, const Text& output, const Text& save, unsigned threads,
                        bool any_host) {
         check_page();
@@ -147,8 +148,7 @@ void bind_views(py::module_& module) {
             recipe, page::StudioOptions{.output = output, .save = save, .threads = threads},
             any_host);
       }))
-      .def_property_readonly("url", &StudioServer::url)
-      .def("close", &StudioServer::close);
+      .def_property_readonly("url", &StudioServer::url, "The address of the page.");
   module.def("export_field", export_field);
 }
 

@@ -14,8 +14,6 @@
 namespace slf::python {
 namespace {
 
-using Levels = std::array<std::optional<unsigned>, 2>;
-
 using Scenes = std::vector<std::pair<Text, SceneHandle>>;
 
 std::vector<FieldState> states_of(const Scenes& scenes) {
@@ -25,19 +23,24 @@ std::vector<FieldState> states_of(const Scenes& scenes) {
   return states;
 }
 
-py::object build(const Recipe& recipe, const Scenes& scenes, const Text& path, std::uint64_t memory,
-                 unsigned threads, double commit_seconds, bool force,
-                 const std::pair<std::uint32_t, std::uint32_t>& shard, const Levels& only_levels,
-                 const Text& coarser, py::object progress) {
+py::object build(const Recipe& recipe, const Scenes& scenes, const Text& path, py::object progress,
+                 const py::kwargs& given) {
+  BuildOptions how;
+  std::pair<std::uint32_t, std::uint32_t> shard(1, 1);
+  std::array<std::optional<unsigned>, 2> levels;
+  Text coarser;
+  read(given, "memory", how.memory, "threads", how.threads, "commit_every", how.commit_seconds,
+       "force", how.replace, "shard", shard, "only_levels", levels, "coarser", coarser);
+  how.shard = {shard.first, shard.second, levels[0], levels[1], coarser};
   LongCall call(std::move(progress));
   const auto states = states_of(scenes);
   auto built = scenes.front().second.trace(call, [&]() -> Result<BuildReport> {
     auto options = SLF_TRY(field_options(recipe, states));
-    options.memory = memory;
-    options.threads = threads;
-    options.commit_seconds = commit_seconds;
-    options.replace = force;
-    options.shard = {shard.first, shard.second, only_levels[0], only_levels[1], coarser};
+    options.memory = how.memory;
+    options.threads = how.threads;
+    options.commit_seconds = how.commit_seconds;
+    options.replace = how.replace;
+    options.shard = how.shard;
     return build_field(states, path, options, call.progress());
   });
   for (const auto& [name, handle] : scenes)
@@ -46,12 +49,12 @@ py::object build(const Recipe& recipe, const Scenes& scenes, const Text& path, s
 }
 
 py::object repack(const std::vector<std::pair<const OpenField*, Texts>>& fields, const Text& path,
-                  const std::string& codec, bool depth, std::optional<unsigned> levels,
-                  const std::vector<std::uint8_t>& subfields, std::optional<bool> half, bool light,
-                  bool reveal, std::uint64_t memory, unsigned threads, bool replace,
-                  py::object progress) {
-  const RepackOptions options{codec, depth,  levels, subfields, half,
-                              light, reveal, memory, threads,   replace};
+                  py::object progress, const py::kwargs& given) {
+  RepackOptions options;
+  read(given, "codec", options.codec, "depth", options.depth, "finest_level", options.levels,
+       "subfields", options.subfields, "half", options.half, "light", options.light, "reveal",
+       options.reveal, "memory", options.memory, "threads", options.threads, "force",
+       options.replace);
   std::vector<StateSource> states;
   for (const auto& [open, names] : fields)
     for (StateSource& state : value_of(
@@ -62,9 +65,11 @@ py::object repack(const std::vector<std::pair<const OpenField*, Texts>>& fields,
       call.value(path, [&] { return join_states(states, path, options, call.progress()); }));
 }
 
-py::object merge(const Texts& parts, const Text& path, bool part, std::uint64_t memory,
-                 unsigned threads, bool replace, py::object progress) {
-  const MergeOptions options{memory, threads, part, replace};
+py::object merge(const Texts& parts, const Text& path, py::object progress,
+                 const py::kwargs& given) {
+  MergeOptions options;
+  read(given, "memory", options.memory, "threads", options.threads, "part", options.part, "force",
+       options.replace);
   LongCall call(std::move(progress));
   return python_of(call.value(path, [&] {
     return merge_fields({parts.begin(), parts.end()}, path, options, call.progress());
@@ -79,10 +84,10 @@ py::object diff(const OpenField& a, const OpenField& b, unsigned threads, bool a
   })));
 }
 
-py::object evaluate(const OpenField& open, const SceneHandle& handle,
-                    const std::vector<CameraTuple>& cameras, const std::optional<std::string>& mode,
+py::object evaluate(const OpenField& open, const SceneHandle& handle, const CameraTuples& cameras,
+                    const SizeTuple& size, double distance, const std::optional<std::string>& mode,
                     std::optional<unsigned> level, std::uint32_t supersample, py::object progress) {
-  EvaluateOptions options{cameras_of(cameras)};
+  EvaluateOptions options{cameras_of(open.field().shape().sphere, cameras, size, distance)};
   options.view.mode = mode ? value_of(parse_render_mode(*mode)) : default_mode(open.field());
   options.view.level = level.value_or(kMatchingLevel);
   options.renderer = open.options();
