@@ -102,9 +102,7 @@ class Field:
         self._others: dict[State, Field] = {}
         self._servers: dict[str, _slf.Server] = {}
         with reporter(progress, "fetch") as report:
-            self._open = _slf.Field(path, memory, threads, report)
-        if state is not None:
-            self._open = self._open.in_state(state)
+            self._open = _slf.Field(path, memory, threads, state, report)
         self.build_report: BuildReport | None = None
         """What slf.build() did, if it opened this field."""
 
@@ -324,12 +322,9 @@ class Field:
         given: dict[str, Any] = {"reveal": size, **settings}
         if window is not None:
             given["reveal_window"] = f"{float(window[0])!r},{float(window[1])!r}"
-        path, memory, threads, state = self._opened_with
-        _slf.add_reveal(path, recipe_of({"source": source, **given}, False, None, [], {}))
+        _slf.add_reveal(self._opened_with[0], recipe_of({"source": source, **given}, False, None, [], {}))
         self.close()
-        self._open = _slf.Field(path, memory, threads, None)
-        if state is not None:
-            self._open = self._open.in_state(state)
+        self._open = _slf.Field(*self._opened_with)
 
     def thumbnail(self, size: int = 256, background: Sequence[float] | None = (0, 0, 0), *,
                   state: State | None = None, structures: Structures | None = None) -> Array:
@@ -578,7 +573,8 @@ def merge(parts: Sequence[Path], out: Path, *, part: bool = False, memory: int =
     memory: as in repack().
     """
     with reporter(progress, "merge") as report:
-        return _slf.merge(parts, out, report, part=part, memory=memory, threads=threads, force=force)
+        return _slf.merge(parts, out, report, part=part, memory=memory, threads=threads,
+                          force=force)
 
 
 def diff(a: Field | Path, b: Field | Path, *, threads: int = 0,

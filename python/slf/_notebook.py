@@ -8,13 +8,9 @@ import importlib.util
 import json
 import os
 import pathlib
-import struct
 import tempfile
 import uuid
-import zlib
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
 
 from . import _slf
 from ._errors import Error
@@ -26,25 +22,15 @@ _SMALL = 2 << 20          # bytes of a field that show() puts into the notebook 
 _MAX_EMBEDDED = 20 << 20  # and of one that its reader could not see otherwise
 
 
-def png(picture: np.ndarray) -> bytes:
-    """A PNG file of uint8 [height, width, 3]."""
-    height, width, _ = picture.shape
-
-    def chunk(kind: bytes, data: bytes) -> bytes:
-        return (struct.pack(">I", len(data)) + kind + data +
-                struct.pack(">I", zlib.crc32(kind + data)))
-
-    rows = np.zeros((height, 1 + 3 * width), np.uint8)  # each row begins with its filter: none
-    rows[:, 1:] = picture.reshape(height, 3 * width)
-    return (b"\x89PNG\r\n\x1a\n" +
-            chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)) +
-            chunk(b"IDAT", zlib.compress(rows.tobytes(), 6)) + chunk(b"IEND", b""))
+def _png(field: Field, size: int, **shown: Any) -> str:
+    """A picture of a field, in base64."""
+    return base64.b64encode(_slf.png(field.thumbnail(size, **shown) / 255)).decode()
 
 
 def _figure(field: Field, said: str, frame: str = "", **shown: Any) -> str:
     """A picture of a field. The frame is over it once the page inside says that it runs: after the
     kernel's end, in a file of nbconvert, or in a notebook that is not trusted, it may not."""
-    picture = base64.b64encode(png(field.thumbnail(480, **shown)[..., :3])).decode()
+    picture = _png(field, 480, **shown)
     name, over = f"slf-{uuid.uuid4().hex}", "position:absolute;inset:0;width:100%;height:100%"
     inner = frame and (f"<iframe {frame} loading='lazy' allowfullscreen "
                        f"style='{over};border:0;opacity:0;pointer-events:none'></iframe>")
@@ -110,7 +96,7 @@ def _page(field: Field) -> str:
 
 def bundle(field: Field) -> dict[str, Any]:
     """The field as text, as a picture, and as a picture with its facts and its page."""
-    picture = png(field.thumbnail()[..., :3])
+    data = _png(field, 256)
     shape = field.shape
     source = field.provenance.get("source", field.provenance.get("name", ""))
     rows = {"field": field.path, "source": source,
@@ -122,7 +108,6 @@ def bundle(field: Field) -> dict[str, Any]:
     table = "".join(f"<tr><th style='text-align:left'>{name}</th>"
                     f"<td style='text-align:left'>{html.escape(str(value))}</td></tr>"
                     for name, value in rows.items() if value)
-    data = base64.b64encode(picture).decode()
     return {"text/plain": repr(field),
             "image/png": data,
             "text/html": "<div style='display:flex;gap:1em;align-items:center'>"

@@ -1,16 +1,13 @@
 #include "convert.h"
 
-#include <cmath>
-
 #include "base/join.h"
 #include "calls.h"
+#include "source/recipe/options.h"
 
 namespace slf::python {
 
-constexpr double kMaxPixels = 1 << 28;
-
 Camera camera_of(const Sphere& sphere, const CameraTuple& camera, const SizeTuple& size) {
-  if (!(size[0] >= 1 && size[1] >= 1 && size[0] * size[1] <= kMaxPixels))
+  if (!(size[0] >= 1 && size[1] >= 1 && size[0] * size[1] <= 1 << 28))
     throw Failure({ErrorCode::usage, concat("size (", size[0], ", ", size[1],
                                             "): expected (width, height), at least 1 and at most "
                                             "2^28 pixels")},
@@ -36,7 +33,7 @@ std::vector<Camera> cameras_of(const Sphere& sphere, const CameraTuples& cameras
 }
 
 py::object tuple_of(const Sphere& sphere) {
-  return tuple_named("Sphere", py::cast(triple_of(sphere.center)).cast<py::tuple>(), sphere.radius);
+  return tuple_named("Sphere", python_of(sphere.center), sphere.radius);
 }
 
 py::object tuple_of(const FieldShape& shape) {
@@ -45,15 +42,10 @@ py::object tuple_of(const FieldShape& shape) {
 }
 
 ToneMapping tone_of(const ToneTuple& tuple) {
-  const auto& [exposure, curve] = tuple;
-  if (!std::isfinite(exposure))
-    throw Failure({ErrorCode::usage, "tone: expected a finite exposure"}, "");
-  for (const auto& [name, value] : {std::pair{"neutral", ToneCurve::neutral},
-                                    {"srgb", ToneCurve::srgb},
-                                    {"none", ToneCurve::none}})
-    if (curve == name) return {exposure, value};
-  throw Failure({ErrorCode::usage, "tone curve '" + curve + "': expected neutral, srgb or none"},
-                "");
+  Recipe recipe;
+  value_of(recipe::set(recipe, "exposure", std::get<0>(tuple)));
+  value_of(recipe::set(recipe, "tonemap", std::get<1>(tuple)));
+  return recipe.raycast.lighting.tone;
 }
 
 }  // namespace slf::python

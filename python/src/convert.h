@@ -70,7 +70,6 @@ py::object python_of(const T& value) {
 }
 
 inline glm::dvec3 vector_of(const Triple& v) { return {v[0], v[1], v[2]}; }
-inline Triple triple_of(const glm::dvec3& v) { return {v.x, v.y, v.z}; }
 
 /// Throws if the size is none of a picture.
 Camera camera_of(const Sphere& sphere, const CameraTuple& camera, const SizeTuple& size);

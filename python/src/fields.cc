@@ -16,17 +16,19 @@
 namespace slf::python {
 namespace {
 
-std::unique_ptr<OpenField> open(const Text& path, std::uint64_t memory, unsigned threads,
-                                py::object progress) {
-  LongCall call(std::move(progress));
-  auto field = call.value(path, [&] { return open_field(path, call.progress()); });
-  return std::make_unique<OpenField>(std::move(field), RendererOptions{memory, threads});
+using State = std::variant<unsigned, Text>;
+
+std::unique_ptr<OpenField> in_state(const OpenField& open, const State& state) {
+  auto field = std::visit([&](const auto& one) { return open.field().in_state(one); }, state);
+  return open.with(value_of(std::move(field), open.field().path()));
 }
 
-template <class State>
-std::unique_ptr<OpenField> in_state(const OpenField& open, const State& state) {
-  auto field = open.field().in_state(state);
-  return open.with(value_of(std::move(field), open.field().path()));
+std::unique_ptr<OpenField> open(const Text& path, std::uint64_t memory, unsigned threads,
+                                const std::optional<State>& state, py::object progress) {
+  LongCall call(std::move(progress));
+  auto field = call.value(path, [&] { return open_field(path, call.progress()); });
+  auto opened = std::make_unique<OpenField>(std::move(field), RendererOptions{memory, threads});
+  return state ? in_state(*opened, *state) : std::move(opened);
 }
 
 py::object content(const OpenField& open) {
@@ -120,6 +122,17 @@ py::object pick(OpenField& open, double x, double y, const CameraTuple& camera,
   return python_of(found);
 }
 
+/// A picture, rgba [height, width, 4], as a file.
+py::bytes png(const py::array_t<float, py::array::c_style | py::array::forcecast>& rgba) {
+  const auto* pixels = reinterpret_cast<const glm::vec4*>(rgba.data());
+  const Image image{static_cast<std::uint32_t>(rgba.shape(1)),
+                    static_cast<std::uint32_t>(rgba.shape(0)),
+                    {pixels, pixels + rgba.size() / 4},
+                    {}};
+  const auto bytes = value_of(encode_image("picture.png", image));
+  return {reinterpret_cast<const char*>(bytes.data()), bytes.size()};
+}
+
 // ---- tiles -------------------------------------------------------------------------------------
 
 py::list tiles(const OpenField& open, unsigned first_level, std::optional<unsigned> last_level,
@@ -207,7 +220,7 @@ py::object measure(const OpenField& open, const CameraTuples& cameras, const Siz
 /// alone, because the thread that it would wait for is missing there.
 struct OpenPlayer {
   OpenPlayer(Player made, const Field& of)
-      : player(std::make_unique<Player>(std::move(made))), field(of), sphere(of.shape().sphere) {}
+      : player(std::make_unique<Player>(std::move(made))), field(of) {}
   ~OpenPlayer() {
     if (forked()) (void)player.release();
   }
@@ -217,7 +230,6 @@ struct OpenPlayer {
 
   std::unique_ptr<Player> player;
   std::optional<Field> field;
-  const Sphere sphere;
   std::mutex mutex;
   const pid_t process = getpid();
 };
@@ -239,7 +251,6 @@ std::unique_ptr<OpenPlayer> make_player(const OpenField& open,
 
 py::tuple draw(OpenPlayer& open, const CameraTuple& camera, const SizeTuple& size,
                const std::optional<ToneTuple>& tone, bool display) {
-  const Camera from = camera_of(open.sphere, camera, size);
   const auto mapping = tone_of(tone);
   Image image;
   FrameReport report;
@@ -249,7 +260,7 @@ py::tuple draw(OpenPlayer& open, const CameraTuple& camera, const SizeTuple& siz
       return fail(ErrorCode::usage, "the player is of the process that this one was forked from");
     const std::lock_guard lock(open.mutex);
     if (!open.player) return fail(ErrorCode::usage, "the player is closed");
-    SLF_TRY(open.player->draw(from, image, &report));
+    SLF_TRY(open.player->draw(camera_of(open.field->shape().sphere, camera, size), image, &report));
     return map_tones(*open.field, mapping, display, image);
   }));
   return py::make_tuple(colors_of(image), python_of(report));
@@ -311,9 +322,9 @@ void bind_fields(py::module_& module) {
     const auto names = f.states();
     return py::tuple(py::cast(Texts(names.begin(), names.end())));
   });
-  type.def(py::init(&open))
-      .def("in_state", in_state<unsigned>)
-      .def("in_state", in_state<Text>)
+  type.def(py::init(&open), py::arg("path"), py::arg("memory"), py::arg("threads"),
+           py::arg("state"), py::arg("progress") = py::none())
+      .def("in_state", in_state)
       .def("content", content)
       .def("compose", compose)
       .def("render", render)
@@ -334,6 +345,7 @@ void bind_fields(py::module_& module) {
       .def("draw", draw)
       .def("settle", settle, "Waits until all tiles are loaded that are being loaded.");
   module.def("verify", verify);
+  module.def("png", png);
 }
 
 }  // namespace slf::python

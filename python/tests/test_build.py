@@ -18,7 +18,6 @@ import pytest
 
 import slf
 from conftest import SMALL, SMALL_ARGUMENTS, write_nifti
-from slf._field import camera_tuple
 from slf._source import described
 
 META_TYPES = {"u1": "UCHAR", "i1": "CHAR", "u2": "USHORT", "i2": "SHORT", "u4": "UINT", "i4": "INT",
@@ -607,7 +606,7 @@ def test_threads_may_share_a_scene(voxels):
     with contextlib.ExitStack() as stack:
         _, [(_, scene)] = described(stack, voxels, {"lighting": "global", "light_samples": 4})
         rows = 16
-        camera = camera_tuple(scene.bounds, slf.orbit(10, 20, 3), (16, rows))
+        view = scene.bounds, slf.orbit(10, 20, 3), (16, rows)
         pictures, totals, other = {}, {1: set(), 2: set()}, []
 
         def draw(name):
@@ -617,7 +616,7 @@ def test_threads_may_share_a_scene(voxels):
                     other.append(threading.Thread(target=draw, args=(2,)))
                     other[0].start()
                     other[0].join(0.2)
-            pictures[name] = scene.raycast(camera, 2, report)[0]
+            pictures[name] = scene.raycast(*view, 2, report)[0]
 
         draw(1)
         other[0].join()
