@@ -10,7 +10,7 @@ import mmap
 import os
 import tempfile
 import warnings
-from typing import Any, Callable, Mapping, NamedTuple, Sequence, Unpack
+from typing import Any, Mapping, NamedTuple, Sequence
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from . import _settings, _slf
 from ._errors import UsageError
 from ._progress import ProgressFunction
 from ._rays import Scene, ray_scene
-from ._types import Point, Sphere, Tone, finite, point
+from ._types import Tone, finite, point
 
 _Path = str | os.PathLike[str]
 

@@ -1,5 +1,7 @@
 #include "convert.h"
 
+#include <cmath>
+
 #include "base/join.h"
 #include "calls.h"
 #include "source/recipe/options.h"
@@ -8,10 +10,11 @@ namespace slf::python {
 
 Camera camera_of(const Sphere& sphere, const CameraTuple& camera, const SizeTuple& size) {
   if (!(size[0] >= 1 && size[1] >= 1 && size[0] * size[1] <= 1 << 28))
-    throw Failure({ErrorCode::usage, concat("size (", size[0], ", ", size[1],
-                                            "): expected (width, height), at least 1 and at most "
-                                            "2^28 pixels")},
-                  "");
+    throw Failure(
+        {ErrorCode::usage, concat("size (", std::llround(size[0]), ", ", std::llround(size[1]),
+                                  "): expected (width, height), at least 1 and at most "
+                                  "2^28 pixels")},
+        "");
   const auto width = static_cast<std::uint32_t>(size[0]);
   const auto height = static_cast<std::uint32_t>(size[1]);
   if (const auto* orbit = std::get_if<Triple>(&camera))
