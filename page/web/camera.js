@@ -3,7 +3,8 @@
 
 const kRadians = Math.PI / 180;
 export const kFirst = {azimuth: 30, elevation: 20, distance: 3, target: [0, 0, 0]};
-const kNear = 1.02, kFar = 20;  // as near and as far as zooming gets
+const kNear = 1.02, kFar = 20;  // as near and as far as zooming gets,
+const kClose = 0.05;            // and as near to a point away from the centre
 const kMaxOrbit = 1e6;          // of a view that is given, as slf takes it
 
 export const add = (a, b, t = 1) => a.map((v, i) => v + t * b[i]);
@@ -39,8 +40,8 @@ export class Camera {
     this.elevation = clamp(this.elevation + elevation, -90, 90);
   }
   zoom(factor) {
-    const {distance} = this;
-    this.distance = clamp(distance * factor, Math.min(kNear, distance), Math.max(kFar, distance));
+    const {distance} = this, near = Math.max(kClose, kNear - Math.hypot(...this.target));
+    this.distance = clamp(distance * factor, Math.min(near, distance), Math.max(kFar, distance));
   }
   // Moves the point that the camera orbits, by fractions of the picture's height.
   pan(x, y) {

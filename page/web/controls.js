@@ -4,12 +4,15 @@ import {calm} from './media.js';
 
 const kTurn = 180;   // degrees for a drag across the smaller side of the picture
 const kStep = 6;     // degrees for one press of a key
+export const kNearer = 0.6;  // of the distance, by a double click
 const kDoubleTap = 300, kTapMoves = 6, kTapApart = 24;  // milliseconds, pixels, pixels
 
-// Calls `moved` after each change, and `tap(x, y)` when the canvas is clicked. `wheels()`: whether
+// Calls `moved` after each change, `tap(x, y)` when the canvas is clicked, and `nearer(x, y)` when it
+// is clicked twice, or else the camera goes nearer. `wheels()`: whether
 // the wheel zooms. `hears` is what keys are pressed in; `keys` maps further ones to functions:
 // {r: function, …}; one that returns false leaves the key to the page. `signal` ends it.
-export function attach(canvas, camera, {moved, tap, wheels, hears, keys, signal}) {
+export function attach(canvas, camera, {
+  moved, tap, nearer = () => { camera.zoom(kNearer); moved(); }, wheels, hears, keys, signal}) {
   const pointers = new Map();
   let last = 0, tapped = {}, travelled = 0;
 
@@ -21,8 +24,9 @@ export function attach(canvas, camera, {moved, tap, wheels, hears, keys, signal}
   const drag = (dx, dy, pans) => {
     if (pans) return camera.pan(dx / canvas.clientHeight, dy / canvas.clientHeight);
     // Close to the sphere, the same drag turns the camera less.
+    const close = (camera.distance - 0.9 + Math.hypot(...camera.target)) / 2;
     const scale = kTurn / Math.min(canvas.clientWidth, canvas.clientHeight) *
-                  Math.min(1, Math.max(0.06, (camera.distance - 0.9) / 2));
+                  Math.min(1, Math.max(0.06, close));
     const now = performance.now(), seconds = Math.max(now - last, 4) / 1000;
     last = now;
     const turn = [-dx * scale, dy * scale];
@@ -58,12 +62,12 @@ export function attach(canvas, camera, {moved, tap, wheels, hears, keys, signal}
       const {offsetX: x, offsetY: y} = event;
       camera.speed = [0, 0];
       if (now - tapped.now < kDoubleTap && Math.hypot(x - tapped.x, y - tapped.y) < kTapApart) {
-        camera.zoom(0.6);
         tapped = {};
-      } else {
-        tapped = {now, x, y};
-        if (event.type === 'pointerup') tap(x, y);
+        moved();
+        return nearer(x, y);
       }
+      tapped = {now, x, y};
+      if (event.type === 'pointerup') tap(x, y);
     }
     moved();
   };

@@ -516,7 +516,7 @@ export class SlfField extends (globalThis.HTMLElement ?? Object) {
       if (found) this.tell('pick', found);
     };
     attach(canvas, camera, {
-      moved, tap, signal,
+      moved, tap, signal, nearer: (x, y) => viewer.approach(x, y),
       hears: this.whole ? globalThis : this,
       wheels: () => this.alone || this.shadowRoot.activeElement && document.hasFocus(),
       keys: {r: reset, f: fill, h: () => this.toggle('settings'), l: () => this.toggle('parts'),

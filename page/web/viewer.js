@@ -4,6 +4,7 @@
 // tiles of the view and has them loaded.
 
 import {Camera} from './camera.js';
+import {kNearer} from './controls.js';
 import {Cut, planesOf} from './cut.js';
 import {Field} from './field.js';
 import {Loader} from './loader.js';
@@ -209,6 +210,13 @@ export class Viewer {
     this.halt();
     this.flight = {from, to, begin: performance.now() - (calm.matches ? kFlight : 0)};
     return new Promise((done) => { this.flight.done = done; });
+  }
+  // Flies nearer to what is shown at a place, about which the camera turns from then on.
+  approach(x, y) {
+    const [found] = this.probe([[x, y]]), to = new Camera(this.camera.toText());
+    if (found) Object.assign(to, {target: found.point, distance: found.distance});
+    to.zoom(kNearer);
+    this.flyTo(to.toText());
   }
   // Ends a flight where it is.
   halt() {

@@ -1450,14 +1450,22 @@ class PageTest(unittest.TestCase):
             for key in ["r"]:
                 page.call("Input.dispatchKeyEvent", type="keyDown", key=key, text=key)
             self.assertEqual(page.run("slf.camera.distance"), 3)
-            # A double click goes nearer; two quick clicks apart, as of the ruler, do not.
-            for apart, distance in [(100, 3), (2, 1.8)]:
+            # A double click goes nearer to what it meets; two quick clicks apart, as of the ruler,
+            # do not. Beside the object it goes straight on.
+            surface = page.run("slf.probe([[220, 250]])[0]")
+            for apart, place, distance in [(100, (220, 250), 3), (2, (500, 250), 1.8),
+                                           (2, (220, 250), 0.6 * surface["distance"])]:
+                page.run("slf.camera.reset()")
                 page.run("new Promise((done) => setTimeout(done, 400))")
-                for x in [200, 200 + apart]:
+                for x in [place[0], place[0] + apart]:
                     for kind in ["mousePressed", "mouseReleased"]:
-                        page.call("Input.dispatchMouseEvent", type=kind, x=x, y=256, button="left",
-                                  buttons=int(kind == "mousePressed"), clickCount=1)
-                self.assertAlmostEqual(page.run("slf.camera.distance"), distance)
+                        page.call("Input.dispatchMouseEvent", type=kind, x=x, y=place[1],
+                                  button="left", buttons=int(kind == "mousePressed"), clickCount=1)
+                page.wait("!slf.flight")
+                self.assertAlmostEqual(page.run("slf.camera.distance"), distance, delta=0.02)
+            at = page.run(f"slf.camera.project({json.dumps(surface['point'])}, 512, 512)")
+            self.assertAlmostEqual(at["x"], 256, delta=8)
+            self.assertAlmostEqual(at["y"], 256, delta=8)
             page.close()
 
 
