@@ -78,7 +78,7 @@ export class Reader {
     try {
       pages = this.field.references(tile, checksum, payload);
     } catch {
-      this.field.source.store?.clear();  // the host may send it undamaged
+      this.field.source.store?.clear();
       return;
     }
     const tileOf = (page) => this.cache.get(page) ?? held.get(page);

@@ -406,8 +406,8 @@ class Store {
     key.search = parts.map(({begin, size, at}) => `${begin}-${size}-${at}`).join(',');
     this.cache.put(key, new Response(bytes.slice(0, have))).catch(() => {});  // no more room
   }
-  // A payload is damaged: perhaps only here.
-  clear() { caches.delete(this.field + this.tag).catch(() => {}); }
+  // Called when something is damaged: perhaps it is so only here.
+  clear() { if (this.cache) caches.delete(this.field + this.tag).catch(() => {}); }
 }
 
 // The part that a header Content-Range describes.

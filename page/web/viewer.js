@@ -66,6 +66,7 @@ export class Viewer {
 
   fail(error) {
     if (this.signal.aborted) return;
+    this.source?.store?.clear();
     this.state = 'failed';
     this.message = String(error?.message ?? error);
     this.on.failed(error);

@@ -866,6 +866,49 @@ class PageTest(unittest.TestCase):
                 else:
                     self.assertLessEqual(visits[1], 8192 + 65536)  # the start and the end
 
+    def test_what_is_damaged_in_the_browsers_store_is_fetched_again(self):
+        """At the visit after the one that finds it."""
+        folder, _ = self.counted_site()
+
+        def visit(host):
+            page = self.open(f"{host.url}/index.html#view=30,20,3&level=2")
+            page.wait("['settled', 'failed'].includes(globalThis.slf?.state)")
+            picture = page.run(PICTURE)
+            return page, picture
+
+        with Host(folder, "one") as host:
+            page, right = visit(host)
+            page.run("""(async () => {
+              const cache = await caches.open((await caches.keys())[0]);
+              for (const key of await cache.keys()) {
+                const {byteLength} = await (await cache.match(key)).arrayBuffer();
+                await cache.put(key, new Response(new Uint8Array(byteLength).fill(1)));
+              }
+            })()""")
+            page.close()
+            page, wrong = visit(host)
+            page.close()
+            self.assertNotEqual(wrong, right)
+            page, again = visit(host)
+            page.close()
+            self.assertEqual(again, right)
+
+    def test_a_damaged_tile_where_nothing_is_stored_is_just_a_tile(self):
+        """In a sandbox, where reading `caches` throws."""
+        folder, _ = self.counted_site()
+        sandbox = {"Content-Security-Policy": "sandbox allow-scripts",
+                   "Access-Control-Allow-Origin": "*",
+                   "Access-Control-Expose-Headers": "ETag, Content-Range"}
+        field = os.path.join(folder, "field.slf")
+        lines = [line.split("\t") for line in slf("ls", field, "--level", 2).splitlines()]
+        with open(field, "r+b") as file:
+            for line in lines:
+                if line[1] == "stored":
+                    file.seek(int(line[3]))
+                    file.write(bytes(int(line[2])))
+        with Host(folder, headers=sandbox, preflight=True) as host:
+            self.assertEqual(self.outcome(host.url + "/index.html#level=2", "settled"), "")
+
     def open(self, url, certificate=True, script=""):
         """Opens an address. `script` runs before the page's own."""
         page = self.browser.open("about:blank", SIZE, SIZE)
