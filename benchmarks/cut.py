@@ -2,8 +2,8 @@
 """Cuts through fields: what they lay open, beside ray-casting the volume with the same plane.
 
   benchmarks/cut.py NAME=VOLUME[:OPTION=VALUE...]... [--folder cut-benchmark] [--planes 5]
-      [--views 8] [--size 160] [--loss 0] [--built]
-      [--sheet FILE.png] [-- BUILD-OPTION=VALUE...]
+      [--views 8] [--size 160] [--loss 0] [--built] [--sheet FILE.png] [--slf build/release/cli/slf]
+      [-- BUILD-OPTION=VALUE...]
 
 as `brain=ch2bet.nii.gz:transfer=brain.json atlas=labels.nii.gz:labels=true`. Options are settings
 of slf.build(), as JSON or text. Each field has a reveal. The first five planes go through the
@@ -98,7 +98,7 @@ def run_case(name, volume, settings, build, options):
     whole = [slf.raycast(volume, camera, size, depth=True, **settings, **lit)
              for camera in cameras]
     values, affine = field.reveal()
-    said = subprocess.run([os.environ.get("SLF_COMMAND", "slf"), "info", field.path, "--json"],
+    said = subprocess.run([options.slf, "info", field.path, "--json"],
                           capture_output=True, check=True).stdout
     reveal_bytes = json.loads(said)["reveal"]["bytes"]
     shown = {key: value for key, value in settings.items() if key not in ("crop", "spacing")}
@@ -140,7 +140,8 @@ def run_case(name, volume, settings, build, options):
     print(json.dumps({"name": name, "uncut": round(uncut.psnr()[1], 2),
                       "copy alone": round(alone.psnr()[1], 2), "exposed, all": kept,
                       "payload_bytes": field.content().payload_bytes,
-                      "reveal_bytes": reveal_bytes, "light_bytes": lit and os.path.getsize(lit["light_file"]),
+                      "reveal_bytes": reveal_bytes,
+                      "light_bytes": lit and os.path.getsize(lit["light_file"]),
                       "time": [round(float(t), 2) for t in times],
                       "reveal_voxels": list(field.reveal()[0].shape[::-1])}), flush=True)
     return pictures, 2 + len(ways)
@@ -155,6 +156,7 @@ def main():
     parser.add_argument("--views", type=int, default=8)
     parser.add_argument("--size", type=int, default=160)
     parser.add_argument("--loss", type=int, default=0)
+    parser.add_argument("--slf", default="slf", help="the command")
     parser.add_argument("--built", action="store_true")
     parser.add_argument("--sheet")
     words = sys.argv[1:]
