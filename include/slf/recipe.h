@@ -95,7 +95,7 @@ struct Recipe {
   std::optional<glm::dvec3> center{};
   std::optional<double> radius{};
   std::optional<std::uint32_t> reveal{};  ///< voxels of its longest side; none: no reveal
-  std::uint32_t reveal_loss = 0;                  ///< of its bytes, 0 to Reveal::kMaxLoss
+  std::uint32_t reveal_loss = 0;          ///< of its bytes, 0 to Reveal::kMaxLoss
   std::string reveal_window = "visible";  ///< or LO,HI: RevealOptions::window
 
   /// The provenance of a field to compare with. Rays and light are then those of the field, but for

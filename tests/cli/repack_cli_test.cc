@@ -85,7 +85,7 @@ TEST_F(RepackCli, RefusesNonsense) {
   for (const char* wrong : {"64", "5-3", "x", "1;2", "-1", "1-2-3"})
     EXPECT_OUTCOME(slf({"repack", field(), "-o", out, "--subfields=" + std::string(wrong)}), 1,
                    "--subfields");
-  EXPECT_OUTCOME(slf({"repack", field(), "-o", out, "--levels", "-1"}), 1, "--levels");
+  EXPECT_OUTCOME(slf({"repack", field(), "-o", out, "--levels", "-1"}), 1, "--finest-level");
   EXPECT_OUTCOME(slf({"repack", field(), "-o", out, "--levels", "3"}), 1, "levels 0 to 2");
   EXPECT_OUTCOME(slf({"repack", field(), "-o", out, "--codec", "mp3"}), 1, "mp3");
   EXPECT_OUTCOME(slf({"repack", field(), "-o", out, "--color-type", "float"}), 1, "float");
