@@ -478,7 +478,7 @@ Result<std::unique_ptr<Studio>> Studio::make(Recipe recipe, StudioOptions option
     if (s.show(draft["shown"])) {
       s.document = draft.value("recipe", s.shown);
       s.views = draft.value("views", s.views);
-      s.owned = draft.value("owns", s.owned);
+      s.owned.merge(draft.value("owns", std::set<std::string>()));
       s.restored = true;
     }
   }

@@ -7,9 +7,9 @@ const kStep = 6;     // degrees for one press of a key
 export const kNearer = 0.6;  // of the distance, by a double click
 const kDoubleTap = 300, kTapMoves = 6, kTapApart = 24;  // milliseconds, pixels, pixels
 
-// Calls `moved` after each change, `tap(x, y)` when the canvas is clicked, and `nearer(x, y)` when it
-// is clicked twice, or else the camera goes nearer. `wheels()`: whether
-// the wheel zooms. `hears` is what keys are pressed in; `keys` maps further ones to functions:
+// Calls `moved` after each change, `tap(x, y)` when the canvas is clicked, and `nearer(x, y)` when
+// it is clicked twice; without that, the camera then goes nearer. `wheels()`: whether the wheel
+// zooms. `hears` is what keys are pressed in; `keys` maps further ones to functions:
 // {r: function, …}; one that returns false leaves the key to the page. `signal` ends it.
 export function attach(canvas, camera, {
   moved, tap, nearer = () => { camera.zoom(kNearer); moved(); }, wheels, hears, keys, signal}) {
