@@ -35,9 +35,11 @@ struct KeptSpace {
 
 /// What became of the samples of a ray.
 enum class CutRay : std::uint32_t {
-  whole,   ///< they are all kept
-  cut,     ///< some are not
-  divided  ///< a sample has, or may have, matter on both sides of a plane, or one hides behind it
+  whole,  ///< they are all kept
+  cut,    ///< some are not
+  /// a sample has, or may have, matter on both sides of a plane, or one hides behind it, or all
+  /// that has matter is translucent: light from the removed side reaches it
+  divided
 };
 
 /// Makes samples empty that are not kept, by where their depths are along the ray. REQUIRES: the

@@ -60,8 +60,8 @@ void cut_samples_typed(const Pass& pass, const RayBlock& rays, const EntryCells&
     const Chords chords(rays, k);
     const KeptPart part(kept, chords);
     const auto crosses = hn::Or(hn::Gt(part.begin, zero), hn::Lt(part.end, one));
-    auto any_kept = no, any_cut = no, any_before = no, any_thin = no;
-    for (std::size_t c = 0; c < pass.entries && !hn::AllFalse(d, crosses); ++c) {
+    auto any_kept = no, any_cut = no, any_before = no, any_thin = no, any_surface = no;
+    for (std::size_t c = 0; c < pass.entries; ++c) {
       const Places at(pass, entries, samples, chords, c, k);
       for (std::size_t e = 0; e < 3; ++e) {
         auto& colors = all_colors_of<kHalf>(samples)[3 * c + e];
@@ -74,6 +74,7 @@ void cut_samples_typed(const Pass& pass, const RayBlock& rays, const EntryCells&
         any_kept = hn::Or(any_kept, hn::AndNot(cut, matter));
         any_before = hn::Or(any_before, hn::And(before, matter));
         any_thin = hn::Or(any_thin, hn::And(matter, hn::Lt(alpha, surface)));
+        any_surface = hn::Or(any_surface, hn::Ge(alpha, surface));
         if (hn::AllFalse(d, cut)) continue;
         HWY_ALIGN float removed[hn::MaxLanes(D())];
         hn::Store(hn::IfThenElseZero(cut, one), d, removed);
@@ -82,7 +83,8 @@ void cut_samples_typed(const Pass& pass, const RayBlock& rays, const EntryCells&
       }
     }
     const auto divided =
-        hn::And(crosses, hn::Or(hn::Or(any_before, any_thin), hn::And(any_cut, any_kept)));
+        hn::Or(hn::AndNot(any_surface, any_thin),
+               hn::And(crosses, hn::Or(hn::Or(any_before, any_thin), hn::And(any_cut, any_kept))));
     const auto value = [](CutRay ray) { return hn::Set(DU(), static_cast<std::uint32_t>(ray)); };
     const DU du;
     hn::StoreU(hn::IfThenElse(hn::RebindMask(du, divided), value(CutRay::divided),
@@ -122,7 +124,8 @@ KeptSpace::KeptSpace(std::span<const ClipPlane> clip, const Sphere& sphere,
       eye_inside(!clip.empty() && glm::length(eye) < 1) {
   for (const auto& [point, normal] : clip) {
     const glm::dvec3 inwards = -glm::normalize(normal);
-    planes.push_back({inwards, -glm::dot(inwards, point - sphere.center) / sphere.radius});
+    const double offset = -glm::dot(inwards, point - sphere.center) / sphere.radius;
+    if (offset < 1) planes.push_back({inwards, offset});  // others miss the sphere
   }
 }
 

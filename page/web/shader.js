@@ -16,14 +16,15 @@ void main() {  // one triangle that covers the picture
 }`;
 
 // What planes take of a sample, and what that makes of its ray, as cut_samples() of slf has it.
-const kCutSample = `if (part_.x > 0.0 || part_.y < 1.0) {
-          bool cut = tx < part_.x || tx > part_.y, is = color.a > 0.02;
-          cutsAny = cutsAny || (cut && is);
-          keepsAny = keepsAny || (is && !cut);
-          divides = divides || (is && (color.a < 0.98 || tx < part_.x));
-          if (cut) color = vec4(0);
-        }`;
-const kDivide = `divided = uCap > 0 && (divides || (cutsAny && keepsAny));
+const kCutSample = `bool cut = tx < part_.x || tx > part_.y, is = color.a > 0.02;
+        cutsAny = cutsAny || (cut && is);
+        keepsAny = keepsAny || (is && !cut);
+        precedes = precedes || (is && tx < part_.x);
+        thin = thin || (is && color.a < 0.98);
+        surface = surface || color.a >= 0.98;
+        if (cut) color = vec4(0);`;
+const kDivide = `bool crosses = part_.x > 0.0 || part_.y < 1.0;
+    divided = uCap > 0 && (crosses ? thin || precedes || (cutsAny && keepsAny) : thin && !surface);
     if (divided) return kDone;`;
 // Which rays planes leave nothing of, and which are marched.
 const kChoose = `part_ = leftBy(uViewPlanes, P, Q - P);
@@ -169,7 +170,7 @@ int draw(int level, vec3 P, vec3 Q, out vec4 pixel, out ivec3 first, out ivec3 l
     low = vec4(1e9), high = vec4(-1e9), total = 0.0;
     vec3 opacities = vec3(0), positions = vec3(0);
     int state = kDone;
-    bool cutsAny = false, keepsAny = false, divides = false;
+    bool cutsAny = false, keepsAny = false, precedes = false, thin = false, surface = false;
     for (int e = 0; e < 3; ++e) {
       float we = cell.weights[e];
       if (we <= 0.0) low = min(low, 0.0), high = max(high, 0.0);

@@ -1571,9 +1571,14 @@ class PageTest(unittest.TestCase):
     def plane(self, page):
         return page.run("slf.root.host.clip.join().split(',').map(Number)")
 
-    def drag(self, page, begin, end, steps=8):
+    def drag(self, page, begin, end, steps=8, touch=False):
         def mouse(kind, share, buttons=1):
             x, y = (a + share * (b - a) for a, b in zip(begin, end))
+            if touch:
+                touches = {"mousePressed": "touchStart", "mouseMoved": "touchMove"}
+                page.call("Input.dispatchTouchEvent", type=touches.get(kind, "touchEnd"),
+                          touchPoints=[{"x": x, "y": y}] if buttons else [])
+                return
             page.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left",
                       buttons=buttons, clickCount=1)
         mouse("mousePressed", 0)
@@ -1597,6 +1602,10 @@ class PageTest(unittest.TestCase):
             moved = self.plane(page)
             self.assertLess(moved[1], before[1] - 0.02 * sphere["radius"])
             self.assertEqual(moved[3:], before[3:])
+            x, y = self.knob(page)
+            self.drag(page, (x, y), (x + 12, y - 6), touch=True)  # back, by a finger
+            self.assertGreater(self.plane(page)[1], moved[1] + 0.02 * sphere["radius"])
+            self.assertEqual(self.plane(page)[3:], before[3:])
             begin = page.run("""(({x, y}) => [x, y])(slf.project(
               slf.root.host.handles.rim(slf.cut.planes[0])[10]))""")
             self.drag(page, begin, (begin[0] + 40, begin[1] + 10))

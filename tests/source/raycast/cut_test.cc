@@ -296,6 +296,11 @@ TEST_F(CutViews, AlsoOfTranslucentMatter) {
     expect_near_truth(camera(azimuth, 20), {kMiddle}, 5);
 }
 
+TEST_F(CutViews, TranslucentMatterHasTheLightThatAPlaneLetsIn) {
+  make(transfer_above(100, 0.1), global());
+  for (const double azimuth : {80.0, 260.0}) expect_near_truth(camera(azimuth, 20), {kMiddle}, 0);
+}
+
 TEST_F(CutViews, FacesHaveTheirOwnLight) {
   make(transfer_above(100), global());
   expect_near_truth(camera(80, 20), {kMiddle}, 1);
