@@ -24,8 +24,23 @@ class BuildWithCMake(build_ext):
                 ["cmake", "--build", build, "--target", "slf_python"],
                 ["cmake", "--install", build, "--component", "python"]):
             subprocess.run(list(map(str, command)), check=True)
+        (place / "slf" / "packages.txt").write_text(" ".join(needed(place / "slf")))
+
+
+def needed(folder):
+    """The Debian packages of the shared libraries that modules in a folder load; none elsewhere."""
+    names = {"libcurl.so.4"}  # loaded at first use
+    for module in folder.glob("*.so"):
+        dump = subprocess.run(["objdump", "-p", module], capture_output=True, text=True).stdout
+        names |= set(re.findall(r"NEEDED +(\S+)", dump))
+    try:
+        found = subprocess.run(["dpkg-query", "-S", *(f"*/{name}" for name in names)],
+                               capture_output=True, text=True).stdout
+    except OSError:
+        return []
+    return sorted(set(re.findall(r"^([^:\s]+):.*/lib/[^/]+-linux-[^/]+/[^/]+$", found, re.M)))
 
 
 setup(version=VERSION, packages=["slf"], package_dir={"": "python"},
-      package_data={"slf": ["py.typed", "*.pyi"]},
+      package_data={"slf": ["py.typed", "*.pyi", "*.js", "packages.txt"]},
       ext_modules=[Extension("slf._slf", sources=[])], cmdclass={"build_ext": BuildWithCMake})

@@ -164,12 +164,14 @@ LevelMeasure summarize(unsigned level, std::uint64_t tiles, const std::vector<Vi
 }
 
 /// Evaluation::differs
-std::string difference(const Field& field, const Scene& scene) {
+std::string difference(const Field& field, std::span<const ClipPlane> clip, const Scene& scene) {
   auto built = nlohmann::json::parse(field.provenance(), nullptr, /*allow_exceptions=*/false);
   auto now = nlohmann::json::parse(scene.provenance(), nullptr, /*allow_exceptions=*/false);
   for (auto* json : {&built, &now})
     for (const char* member : {"source", "space", "step", "recipe"})
       if (json->is_object()) json->erase(member);
+  for (const auto& [p, n] : clip)  // cut when it is drawn
+    if (built.is_object()) built["clip"].push_back({p.x, p.y, p.z, n.x, n.y, n.z});
   const auto differences = nlohmann::json::diff(built, now);
   if (differences.empty()) return {};
   const std::string place = differences[0].value("path", "");
@@ -295,7 +297,7 @@ Result<Evaluation> evaluate_views(const Field& field, const Scene& scene,
   SLF_TRY(scene.prepare());
   Renderer renderer(field, options.renderer);
   Evaluation result;
-  result.differs = difference(field, scene);
+  result.differs = difference(field, options.view.clip, scene);
   Progress all;
   for (const Camera& camera : cameras) all.total += std::uint64_t{supersample} * camera.height;
   const auto report = [&](const Progress& rows) {

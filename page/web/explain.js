@@ -136,8 +136,7 @@ export class Explain {
       this.byId(name).setAttribute('aria-pressed', String(this.tool === name));
     this.byId('picture').classList.toggle('picks', this.tool !== undefined);
     this.byId('cross').hidden = !this.tool;
-    this.marks = [];
-    this.place();
+    this.show([]);
     this.element.say(!this.tool ? ''
       : `Click ${tool === 'ruler' ? 'two points' : 'a point'} of the surface, or press Enter for ` +
         'the one in the middle.');
@@ -150,9 +149,13 @@ export class Explain {
       return this.copy(JSON.stringify({label: 'Label', text: '',
                                        point: found.point.map((v) => +v.toFixed(3))}),
                        'The note', kFor);
-    this.marks = [...this.marks.slice(this.marks.length === 2 ? 2 : 0), found];
-    this.place();
+    this.show([...this.marks.slice(this.marks.length === 2 ? 2 : 0), found]);
     if (this.marks.length === 2) this.element.say(this.length().text);
+  }
+  // Marks points, results of Viewer.pick().
+  show(marks) {
+    this.marks = marks;
+    this.place();
   }
   // Between the two points of the ruler, in world units.
   length() {

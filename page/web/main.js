@@ -11,7 +11,7 @@ import {Explain} from './explain.js';
 import {CutPanel} from './cutpanel.js';
 import {ownColors, StructureList} from './list.js';
 import {kMarkup, kStyle, make} from './look.js';
-import {embeddedSource, fileSource, HttpSource} from './source.js';
+import {embeddedSource, fileSource, HttpSource, LocalSource} from './source.js';
 import {joined, looksOf, split, textsOf} from './structures.js';
 import {media, sleep} from './media.js';
 import {Viewer} from './viewer.js';
@@ -42,10 +42,12 @@ sheet?.replaceSync(kStyle);
 
 const fromBase64 = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
 // Resolves to a module, as an answer. From disk and in a sandbox only scripts can be loaded; those
-// of exports define slfModules, and in the package for npm a function loads one.
+// of exports define slfModules. In the package for npm, a function loads one; in Python's widget,
+// it resolves to the bytes.
 async function packed(name) {
   const held = globalThis.slfModules?.[name];
-  if (typeof held === 'function') await held();
+  const bytes = typeof held === 'function' && await held();
+  if (bytes instanceof Uint8Array) return new Response(bytes);
   if (!globalThis.slfModules?.[name]) {
     const answer = await fetch(new URL(name, base)).catch(() => {});
     if (answer?.ok) return answer;
@@ -183,6 +185,8 @@ export class SlfField extends (globalThis.HTMLElement ?? Object) {
   picture(type = 'image/png') {
     return new Promise((done) => this.byId('picture').toBlob(done, type));
   }
+  // Marks a point, in world units; null: none.
+  set mark(point) { this.explain?.show(point ? [{point}] : []); }
   // What the surface is at a place of the element, in CSS pixels: {point, depth, uncertainty} in
   // world units, or null.
   pick(x, y) { return this.viewer?.draws ? this.viewer.pick(x, y) : null; }
@@ -218,8 +222,9 @@ export class SlfField extends (globalThis.HTMLElement ?? Object) {
   }
   async showCut() {
     const {settings, viewer} = this;
-    if (this.filled)
-      await viewer.showCut(settings.clip, settings.cap).catch((error) => this.say(error.message));
+    if (!this.filled) return;
+    this.tell('change', {names: ['clip', 'cap']});
+    await viewer.showCut(settings.clip, settings.cap).catch((error) => this.say(error.message));
   }
   // The structures that are shown, and how: texts as slf render --structure takes them.
   get structures() { return this.settings.structures ?? ['*']; }
@@ -299,8 +304,10 @@ export class SlfField extends (globalThis.HTMLElement ?? Object) {
     this.tell('ready');
   }
 
-  // Where the field is: inside the page; where ?field=ADDRESS says; or where `src` does.
+  // Where the field is: what `source` reads; inside the page; where ?field=ADDRESS says; or where
+  // `src` does.
   async findField(signal) {
+    if (this.source) return new LocalSource(this.source.size, this.source.read);
     const src = this.getAttribute('src');
     if (pieces.length > 0 && !src) return embeddedSource(pieces);
     const given = this.whole ? new URLSearchParams(location.search).get('field') : undefined;
@@ -550,11 +557,13 @@ export class SlfField extends (globalThis.HTMLElement ?? Object) {
     this.settings.state = field.states[state];
     this.byId('state').value = state;
     this.viewer.showState(state);
+    if (field.states.length > 0) this.tell('change', {names: ['state']});
   }
   // Shows structures. While a picture of others is on its way, only the last looks wait for it.
   async showLooks(looks) {
     const {viewer} = this, waits = this.looks !== undefined;
     this.settings.structures = textsOf(viewer.field.structures, looks);
+    this.tell('change', {names: ['structures']});
     this.looks = looks;
     while (!waits && this.looks && !viewer.ended) {
       if (!viewer.stale) {

@@ -11,8 +11,8 @@ export interface Pick {
  * `<slf-field src="field.slf" poster="poster.jpg" view="30,20,3" views="views.json">`, and for a
  * field of structures `structures="left lobe,stem:0.3:#ffd0b0"`, where %2C is a comma of a name.
  *
- * Events: `ready`, `camera` (detail: `{view}`), `pick` (detail: Pick), `error` (detail:
- * `{message}`).
+ * Events: `ready`, `camera` (detail: `{view}`), `change` (detail: `{names}` of other properties that
+ * changed), `pick` (detail: Pick), `error` (detail: `{message}`).
  */
 export class SlfField extends HTMLElement {
   /**
@@ -23,6 +23,11 @@ export class SlfField extends HTMLElement {
   /** The address of the field. Another one begins anew, as do changes of the attribute. */
   get src(): string | null;
   set src(address: string);
+  /**
+   * The field's bytes from anywhere, in place of `src`; set before the element is in a page. `read`
+   * gives those from `begin` to before `end`.
+   */
+  source?: {size: number, read(begin: number, end: number): Promise<Uint8Array>};
   /** The view that is shown, as flyTo() takes it. */
   get view(): string;
   set view(shown: string);
@@ -48,6 +53,8 @@ export class SlfField extends HTMLElement {
    */
   get cap(): string;
   set cap(shown: string);
+  /** Marks a point, in world units; null: none. */
+  set mark(point: [number, number, number] | null);
   /** What is shown, as a picture of this media type; default: image/png. */
   picture(type?: string): Promise<Blob>;
   /** What a place of the element shows, in CSS pixels; null where nothing opaque is shown. */

@@ -459,7 +459,7 @@ function grouped(ranges) {
 }
 
 // A file at hand. `read(begin, end)` returns bytes, or a promise of them.
-class LocalSource {
+export class LocalSource {
   constructor(size, read) {
     Object.assign(this, {size, read, bytes: 0, requests: 0, roundTrips: 0});
   }

@@ -7,6 +7,17 @@
 World coordinates are LPS, as in DICOM and ITK. Arrays of voxels are indexed [z, y, x].
 """
 
+import pathlib as _pathlib
+
+try:
+    from . import _slf
+except ImportError as error:
+    _list = _pathlib.Path(__file__).with_name("packages.txt")  # of a wheel
+    if "cannot open shared object" not in str(error) or not _list.exists():
+        raise
+    raise ImportError(f"{error}: install the libraries of slf, in Debian 12 by\n"
+                      f"sudo apt-get install {_list.read_text()}") from None
+
 from ._build import build, build_rays, raycast, studio
 from ._errors import (BadFileError, BusyError, Error, FailedError, IoError, NotFoundError,
                       OutOfMemoryError, UnsupportedError, UsageError)

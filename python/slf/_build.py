@@ -11,6 +11,7 @@ import numpy as np
 from . import _slf
 from ._field import (AnyCamera, Array, Field, Path, Size, State, check_dtype, finished_picture)
 from ._errors import UsageError
+from ._mesh import on_disk
 from ._notebook import Studio, server_base
 from ._progress import Progress, reporter
 from ._rays import Function, Scene
@@ -29,6 +30,8 @@ def build(source: Any, out: Path, *, states: Sequence[Mapping[str, Any]] = (),
         an array [z, y, x] of integers or floats, of NumPy or anything that becomes one; one in C
             order is not copied, and must not change during the build. zarr and dask arrays are
             read in slabs along z; those above 256 MiB into a temporary file beside `out`.
+        a mesh of trimesh, with its colours or its texture, or of pyvista, with the first uint8 RGB
+            or RGBA array of its point_data; z is up.
         an image of nibabel (RAS, converted to LPS) or SimpleITK, or an array of xarray with
             evenly spaced coordinates, with its own position.
         a path of a volume, a mesh or a recipe (.json), "pictures:FOLDER", "pictures:JSON" or
@@ -126,7 +129,7 @@ def studio(source: Any, out: Path, *, save: Path = "", threads: int = 0,
            **settings: Unpack[BuildSettings]) -> Studio:
     """A page on which colours, light and cuts are chosen by looking, and the field is built.
 
-    source: an array, an image or a path, as of build().
+    source: an array, an image, a mesh or a path, as of build().
     out: the field that the page builds. The recipe is saved beside it as NAME.recipe.json, or in
         `save`. That of an array names no file: slf.build() takes its members as settings.
     settings: what the page begins with; those of build(), with a transfer function as a name, a
@@ -137,5 +140,9 @@ def studio(source: Any, out: Path, *, save: Path = "", threads: int = 0,
     if isinstance(source, Scene):
         raise UsageError("studio: not for scenes of Python")
     folder = os.path.dirname(os.fspath(out)) or None
-    recipe = recipe_of({"source": source, **settings}, False, folder, [], {})
-    return Studio(recipe, out, save, threads, server_base() is not None)
+    with contextlib.ExitStack() as stack:
+        mesh = on_disk(source, settings.get("name"), stack)
+        recipe = recipe_of({**settings, "source": mesh}, False, folder, [], {})
+        made = Studio(recipe, out, save, threads, server_base() is not None)
+        made.files = stack.pop_all()  # until it is closed
+    return made

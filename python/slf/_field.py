@@ -34,8 +34,8 @@ Structures = Mapping[Union["Field", Path], float | Look] | Sequence[Path]
 """Names of a field's states, patterns such as "left *", or fields or paths of others on its sphere,
 with an opacity, 0 to 1, or a Look of each; or a list of texts such as "left *:0.3:#ffd0b0", as
 `slf render --structure` takes them. Later ones replace earlier ones of the same state."""
-Planes = Sequence[tuple[Sequence[float], Sequence[float]]]
-"""(point, normal) of each."""
+Planes = Sequence[tuple[Sequence[float], Sequence[float]] | Sequence[float]]
+"""(point, normal) of each, or the six numbers."""
 AnyViews = Path | dict[str, Any] | None
 
 _DEFAULT_MEMORY = 256 << 20
@@ -327,28 +327,29 @@ class Field:
         self._open = _slf.Field(*self._opened_with)
 
     def thumbnail(self, size: int = 256, background: Sequence[float] | None = (0, 0, 0), *,
-                  state: State | None = None, structures: Structures | None = None) -> Array:
+                  camera: AnyCamera = orbit(), state: State | None = None,
+                  structures: Structures | None = None) -> Array:
         """A small picture: uint8 [size, size, 4]. Reads coarse tiles, and keeps none.
 
-        state, structures: as in render().
+        camera, state, structures: as in render().
         """
         colors, _ = self._drawn(state, structures).render(
-            orbit(), (size, size), display=True, memory=_THUMBNAIL_MEMORY)
+            camera, (size, size), display=True, memory=_THUMBNAIL_MEMORY)
         return finished_picture(colors, np.uint8, background)
 
     def player(self, mode: str | None = None, level: LevelName = "finest", loading: str = "ahead",
                horizon: int = 8, *, state: State | None = None,
-               structures: Structures | None = None) -> Player:
+               structures: Structures | None = None, clip: Planes = (), cap: str = "") -> Player:
         """A player for the frames of a moving camera. It keeps the file open itself.
 
         loading: "ahead" loads tiles of predicted frames, "demand" those that frames lacked, both
             in the background; with "wait", frames wait for their tiles.
         horizon: frames to load ahead.
-        mode, level, state, structures: as in render().
+        mode, level, state, structures, clip, cap: as in render().
         """
         number = self._level(level)
         return Player(self._drawn(state, structures), mode,
-                      self.finest_level if number is None else number, loading, horizon)
+                      self.finest_level if number is None else number, loading, horizon, clip, cap)
 
     # -- tiles ------------------------------------------------------------------------------------
 
@@ -389,36 +390,41 @@ class Field:
     def measure(self, cameras: int | Sequence[AnyCamera] = 8, size: Size = (512, 512),
                 mode: str | None = None, levels: Sequence[int] = (), *, distance: float = 3,
                 state: State | None = None, structures: Structures | None = None,
-                progress: Progress = None) -> Measurement:
+                clip: Planes = (), cap: str = "", progress: Progress = None) -> Measurement:
         """Measures the memory that views need.
 
         cameras: a number of random ones at `distance` radii, or a list.
         levels: default: all.
-        mode, state, structures: as in render().
+        mode, state, structures, clip, cap: as in render().
         progress: counts views.
         """
         with reporter(progress, "measure") as report:
             return self._drawn(state, structures).measure(
-                cameras, size, distance, mode, levels, report)
+                cameras, size, distance, mode, levels, clip, cap, report)
 
     def evaluate(self, scene: Any, cameras: int | Sequence[AnyCamera] = 8, size: Size = (256, 256),
                  mode: str | None = None, level: LevelName = "finest", *, distance: float = 3,
                  supersample: int = 1, state: State | None = None,
-                 structures: Structures | None = None, progress: Progress = None,
+                 structures: Structures | None = None, cap: str = "", progress: Progress = None,
                  **settings: Unpack[SourceSettings]) -> Evaluation:
         """Compares views with ray-cast ones of the field's scene: PSNR and SSIM, RGB over black.
 
         scene: what the field was built from.
-        mode, level, state, structures: as in render().
-        settings: say how to read it, as in slf.build(). Light, rays and, unless it is given, the
+        mode, level, state, structures, cap: as in render().
+        settings: say how to read it, as in slf.build(). The planes of `clip` cut the field's views,
+            too, but for those that it was built with. Light, rays and, unless it is given, the
             transfer function are those of the field; rays have a step of at most 0.5 voxels.
         """
         drawn = self._drawn(state, structures)
         with contextlib.ExitStack() as stack, reporter(progress, "evaluate") as report:
+            clip = [np.ravel(plane).tolist() for plane in settings.pop("clip", None) or ()]
+            if clip:
+                settings["clip"] = clip
             _, [(_, truth)] = described(stack, scene, settings, known=SourceSettings,
                                         truth_of=drawn.provenance)
             evaluation = _slf.evaluate(drawn, truth, cameras, size, distance, mode,
-                                       self._level(level), supersample, report)
+                                       self._level(level), supersample, clip, cap,
+                                       report)
         if evaluation.differs:
             warnings.warn(f"{self.path} was built from another source ({evaluation.differs} "
                           "differs): the figures compare two different objects", stacklevel=2)
@@ -465,6 +471,30 @@ class Field:
             self._servers[key] = server
             _with_threads.add(self)
         return View(self._servers[key].url, self, shown)
+
+    def widget(self, camera: AnyCamera = orbit(), *, state: State | None = None,
+               structures: Structures | None = None, clip: Planes = (), cap: str = "",
+               height: int = 540) -> Any:
+        """The page as a widget, whose traits camera, state, structures, clip, cap and picked change
+        with what its reader does, and change what it shows.
+
+        It needs no address: scripts and tiles are messages of the kernel, which also pass hubs and
+        tunnels. So it loads while no cell runs. In Notebook 6 nothing else is needed; elsewhere,
+        anywidget. A saved notebook keeps a picture of the first view.
+        camera, state, structures, clip, cap: what it shows first, as in render(); of this field
+            only.
+        height: in pixels.
+
+        Raises slf.UnsupportedError: slf was built without the page. slf.UsageError: the field is
+        not a file of this machine, or there is no such structure.
+        """
+        from ._widget import Widget
+        if "://" in self.path:
+            raise UsageError(f"{self.path}: widgets show files of this machine, such as slf.repack "
+                             "makes")
+        text, looks = self._first(state, structures)
+        return Widget(self, camera=camera, state=text, structures=looks, clip=clip, cap=cap,
+                      height=height)
 
     def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> Any:
         return None if self._open is None else bundle(self)

@@ -16,6 +16,7 @@ import numpy as np
 
 from . import _settings, _slf
 from ._errors import UsageError
+from ._mesh import on_disk
 from ._progress import ProgressFunction
 from ._rays import Scene, ray_scene
 from ._types import Tone, finite, point
@@ -362,6 +363,7 @@ def described(stack: contextlib.ExitStack, source: Any, settings: Mapping[str, A
     whole: _slf.Recipe | None = None
     for state in states or ({},):
         given: Any = {"source": source, **settings, **state}
+        given["source"] = on_disk(given["source"], settings.get("name"), stack)
         name, lit_by = state.get("name", ""), given.pop("light_from", None) or ""
         if "name" in state:
             given["name"] = settings.get("name")

@@ -52,14 +52,6 @@ std::unique_ptr<OpenField> compose(const OpenField& open,
   return open.with(std::move(composed));
 }
 
-/// A point and a normal of each plane.
-using PlaneTuples = std::vector<std::pair<Triple, Triple>>;
-std::vector<ClipPlane> planes_of(const PlaneTuples& planes) {
-  std::vector<ClipPlane> clip;
-  for (const auto& [point, normal] : planes) clip.push_back({vector_of(point), vector_of(normal)});
-  return clip;
-}
-
 /// The values of the small copy of the volume [z, y, x], and the columns of its affine.
 py::object reveal(const OpenField& open) {
   LongCall call;
@@ -201,17 +193,22 @@ py::object verify(const Text& path, const OpenField* open, py::object progress,
   return python_of(report);
 }
 
-py::object measure(const OpenField& open, const CameraTuples& cameras, const SizeTuple& size,
+py::object measure(OpenField& open, const CameraTuples& cameras, const SizeTuple& size,
                    double distance, const std::optional<std::string>& mode,
-                   const std::vector<unsigned>& levels, py::object progress) {
+                   const std::vector<unsigned>& levels, const PlaneTuples& clip,
+                   const std::string& cap, py::object progress) {
   MeasureOptions options;
   options.cameras = cameras_of(open.field().shape().sphere, cameras, size, distance);
   options.mode = view_of(open.field(), mode, {}, false).mode;
   options.levels = levels;
   options.renderer = open.options();
   LongCall call(std::move(progress));
-  return python_of(call.value(
-      open.field().path(), [&] { return measure_views(open.field(), options, call.progress()); }));
+  return python_of(call.value(open.field().path(), [&]() -> Result<Measurement> {
+    ViewOptions cut;
+    SLF_TRY(open.cut(cut, planes_of(clip), cap));
+    options.clip = cut.clip, options.cap = cut.cap;
+    return measure_views(open.field(), options, call.progress());
+  }));
 }
 
 // ---- moving cameras ----------------------------------------------------------------------------
@@ -234,19 +231,21 @@ struct OpenPlayer {
   const pid_t process = getpid();
 };
 
-std::unique_ptr<OpenPlayer> make_player(const OpenField& open,
-                                        const std::optional<std::string>& mode,
+std::unique_ptr<OpenPlayer> make_player(OpenField& open, const std::optional<std::string>& mode,
                                         std::optional<unsigned> level, const std::string& loading,
-                                        unsigned horizon) {
+                                        unsigned horizon, const PlaneTuples& clip,
+                                        const std::string& cap) {
   PlayOptions options;
   options.renderer = open.options();
   options.view = view_of(open.field(), mode, level, false);
   options.loading = value_of(parse_loading(loading));
   options.horizon = horizon;
   LongCall call;
-  auto player = call.without_gil([&] { return Player::make(open.field(), options); });
-  return std::make_unique<OpenPlayer>(value_of(std::move(player), open.field().path()),
-                                      open.field());
+  auto player = call.value(open.field().path(), [&]() -> Result<Player> {
+    SLF_TRY(open.cut(options.view, planes_of(clip), cap));
+    return Player::make(open.field(), options);
+  });
+  return std::make_unique<OpenPlayer>(std::move(player), open.field());
 }
 
 py::tuple draw(OpenPlayer& open, const CameraTuple& camera, const SizeTuple& size,
@@ -285,6 +284,17 @@ void close(OpenPlayer& open) {
 }
 
 }  // namespace
+
+std::vector<ClipPlane> planes_of(const PlaneTuples& planes) {
+  std::vector<ClipPlane> clip;
+  for (const auto& plane : planes) {
+    if (const auto* pair = std::get_if<0>(&plane))
+      clip.push_back({vector_of(pair->first), vector_of(pair->second)});
+    else if (const auto& v = std::get<1>(plane); true)
+      clip.push_back({{v[0], v[1], v[2]}, {v[3], v[4], v[5]}});
+  }
+  return clip;
+}
 
 std::vector<StructureLook> looks_of(const LookTuples& structures,
                                     std::span<const std::string> names) {

@@ -3,6 +3,7 @@
 
 #include <pybind11/stl.h>
 
+#include <algorithm>
 #include <array>
 #include <atomic>
 #include <cstdint>
@@ -21,6 +22,7 @@
 #include "calls.h"
 #include "field/structure_looks.h"
 #include "slf/field.h"
+#include "slf/raycaster.h"
 #include "slf/recipe.h"
 #include "slf/render.h"
 
@@ -83,9 +85,14 @@ class OpenField {
     Renderer own(field_, {*memory, options_.threads});
     return draw(own);
   }
-  /// Adds planes to a view, and named_cap(). The last cap is kept.
+  /// Adds planes to a view, but for those that the field was built with, and named_cap(). The last
+  /// cap is kept.
   [[nodiscard]] Result<void> cut(ViewOptions& view, std::vector<ClipPlane> clip,
                                  const std::string& cap) {
+    if (!clip.empty())
+      std::erase_if(clip, [built = raycast_options(field_.provenance()).clip](const auto& plane) {
+        return std::ranges::find(built, plane) != built.end();
+      });
     const std::lock_guard lock(cutting_);
     if (!(clip == clip_ && cap == cap_name_)) {
       cap_ = SLF_TRY(
@@ -111,6 +118,10 @@ class OpenField {
   std::string cap_name_;
   std::shared_ptr<const Scene> cap_;
 };
+
+/// Planes: a point and a normal of each, together or six numbers.
+using PlaneTuples = std::vector<std::variant<std::pair<Triple, Triple>, std::array<double, 6>>>;
+std::vector<ClipPlane> planes_of(const PlaneTuples& planes);
 
 /// A field, or the name of a state or file; its opacity and its tint.
 using LookTuple = std::tuple<std::variant<const OpenField*, Text>, float, std::array<float, 3>>;

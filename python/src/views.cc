@@ -123,6 +123,13 @@ py::object export_field(const Text& field, const Text& output, const py::object&
   }));
 }
 
+py::bytes page_file(const std::string& name) {
+  check_page();
+  for (const page::PageFile& file : page::page_files())
+    if (file.name == name) return {file.bytes.data(), file.bytes.size()};
+  throw Failure({ErrorCode::usage, "the page has no file " + name}, "");
+}
+
 }  // namespace
 
 void bind_views(py::module_& module) {
@@ -150,6 +157,11 @@ void bind_views(py::module_& module) {
       }))
       .def_property_readonly("url", &StudioServer::url, "The address of the page.");
   module.def("export_field", export_field);
+  module.def("page_file", page_file);
+  module.def("texts_of", [](const LookTuples& looks) {
+    const auto texts = first_of({}, looks).structures;
+    return Texts(texts.begin(), texts.end());
+  });
 }
 
 }  // namespace slf::python

@@ -84,9 +84,10 @@ py::object diff(const OpenField& a, const OpenField& b, unsigned threads, bool a
   })));
 }
 
-py::object evaluate(const OpenField& open, const SceneHandle& handle, const CameraTuples& cameras,
+py::object evaluate(OpenField& open, const SceneHandle& handle, const CameraTuples& cameras,
                     const SizeTuple& size, double distance, const std::optional<std::string>& mode,
-                    std::optional<unsigned> level, std::uint32_t supersample, py::object progress) {
+                    std::optional<unsigned> level, std::uint32_t supersample,
+                    const PlaneTuples& clip, const std::string& cap, py::object progress) {
   EvaluateOptions options{cameras_of(open.field().shape().sphere, cameras, size, distance)};
   options.view.mode = mode ? value_of(parse_render_mode(*mode)) : default_mode(open.field());
   options.view.level = level.value_or(kMatchingLevel);
@@ -94,7 +95,8 @@ py::object evaluate(const OpenField& open, const SceneHandle& handle, const Came
   options.supersample = supersample;
   LongCall call(std::move(progress));
   return python_of(value_of(handle.trace(call,
-                                         [&] {
+                                         [&]() -> Result<Evaluation> {
+                                           SLF_TRY(open.cut(options.view, planes_of(clip), cap));
                                            return evaluate_views(open.field(), *handle.scene,
                                                                  options, call.progress());
                                          }),

@@ -6,6 +6,7 @@ import json
 import pathlib
 import subprocess
 import sys
+import types
 import urllib.request
 
 import numpy as np
@@ -172,3 +173,60 @@ def test_example_runs(name, voxels, tmp_path):
                             resources={"metadata": {"path": str(tmp_path)}}).execute()
     outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
     assert any("image/png" in output.get("data", {}) for output in outputs)
+
+
+class _AnyWidget(pytest.importorskip("traitlets").HasTraits):
+    """What anywidget.AnyWidget has of Python; notebook_test.py has the other half."""
+
+    def __init__(self, **given):
+        super().__init__(**given)
+        self.sent = []
+
+    def on_msg(self, hear):
+        self.hear = hear
+
+    def send(self, content, buffers=None):
+        self.sent.append((content, buffers))
+
+    def _repr_mimebundle_(self, **_):
+        return {"text/plain": "", "application/vnd.jupyter.widget-view+json": {}}, {}
+
+
+@pytest.mark.parametrize("installed", [False, True])
+def test_a_widget_answers_what_its_page_asks(balls, balls_path, monkeypatch, installed):
+    monkeypatch.delitem(sys.modules, "slf._widget", raising=False)
+    monkeypatch.setitem(sys.modules, "anywidget",
+                        types.SimpleNamespace(AnyWidget=_AnyWidget) if installed else None)
+    try:
+        widget = balls.widget(slf.orbit(40, 10, 2), clip=[((0, 0, 1), (0, 0, 1))], height=300)
+    except slf.UnsupportedError as error:
+        pytest.skip(str(error))
+    bundle = widget._repr_mimebundle_()
+    data = bundle[0] if installed else bundle
+    assert "<img " in data["text/html"] and repr(balls_path)[11:-2] in data["text/html"]
+    assert ("application/vnd.jupyter.widget-view+json" in data) == installed
+    state = {name: widget.trait_metadata(name, "to_json")(getattr(widget, name), widget)
+             for name in widget.traits(sync=True)}
+    assert json.loads(json.dumps(state)) == {
+        "camera": "40,10,2", "state": "", "structures": [], "clip": ["0,0,1,0,0,1"], "cap": "",
+        "picked": None, "height": 300, "size": balls.file_bytes}
+    camera = slf.Camera((0, -5, 1), (0.1, 0, 0.5))
+    widget.camera = camera
+    read = lambda name, value: widget.trait_metadata(name, "from_json")(value, widget)
+    again = read("camera", widget.trait_metadata("camera", "to_json")(camera, widget))
+    assert np.allclose(again.eye, camera.eye) and np.allclose(again.look_at, camera.look_at)
+    assert read("clip", ["0,0,1,0,0,1"]) == [(0, 0, 1, 0, 0, 1)]
+    assert read("picked", {"point": [1, 2, 3], "depth": 4, "uncertainty": 5}).point == (1, 2, 3)
+    if not installed:
+        comm = widget._heard = types.SimpleNamespace(sent=[])
+        comm.send = lambda said, buffers: comm.sent.append((said["answer"], buffers))
+    sent = widget.sent if installed else widget._heard.sent
+    for asked in {"id": 1, "ranges": [[0, 4], [8, 16]]}, {"id": 2, "file": "page.js"}, \
+            {"id": 3, "file": "/etc/passwd"}:
+        widget._answer(widget, asked, [])
+    content = balls_path.read_bytes()
+    assert sent[0] == ({"id": 1}, [content[:4] + content[8:16]])
+    assert sent[1][0] == {"id": 2} and b"slf-field" in sent[1][1][0]
+    assert "no file /etc/passwd" in sent[2][0]["error"]
+    if not installed:
+        widget.close()

@@ -190,6 +190,30 @@ def test_measures_and_evaluates(balls):
     assert len(evaluation.views) == 2 and 10 < evaluation.psnr < 60 and 0 < evaluation.ssim <= 1
 
 
+def test_planes_cut_what_is_played_measured_and_evaluated(tmp_path, voxels):
+    planes, camera, size = [((8, 6, 6), (0, 0, 1))], slf.orbit(20, 30, 3), (48, 48)
+    how = dict(SMALL, lighting="direct", light_samples=4)
+    with slf.build(voxels, tmp_path / "cut.slf", reveal=16, **how) as field:
+        cut = dict(clip=planes, cap="slice")
+        shown = field.render(camera, size, **cut)
+        assert not np.array_equal(shown, field.render(camera, size))
+        assert np.array_equal(shown, field.render(camera, size, clip=[(8, 6, 6, 0, 0, 1)],
+                                                  cap="slice"))
+        with field.player(loading="wait", **cut) as player:
+            assert np.array_equal(player.draw(camera, size), shown)
+        whole, part = (field.measure([camera], size, **given).total.tiles_touched.mean
+                       for given in ({}, dict(clip=planes, cap="hollow")))
+        assert part < whole
+        ours = field.evaluate(voxels, [camera], size, clip=planes, cap="shaded")
+        assert ours.psnr > field.evaluate(voxels, [camera], size, clip=planes, cap="hollow").psnr
+        assert not ours.differs
+        for call in (field.measure, field.player):
+            with pytest.raises(slf.UsageError, match="mode depth"):
+                call(mode="bitri", clip=planes)
+    with slf.build(voxels, tmp_path / "half.slf", clip=[(8, 6, 6, 0, 0, 1)], **how) as half:
+        assert half.evaluate(voxels, [camera], size, clip=planes).psnr > 20  # it has the plane
+
+
 def test_fields_and_cameras_are_pickled(balls):
     for camera in (slf.orbit(10, 20, 3), slf.Camera((0, -3, 0), (0, 0, 0))):
         assert pickle.loads(pickle.dumps(camera)) == camera

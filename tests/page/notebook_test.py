@@ -6,6 +6,7 @@ PYTHONPATH has the package slf. Exits with 77, which CTest takes for skipped, wh
 browser, Notebook, or page.
 """
 
+import base64
 import importlib.util
 import json
 import os
@@ -54,7 +55,26 @@ ids = np.zeros((12, 12, 12), np.uint8)
 ids[2:10, 2:5, 2:10], ids[2:10, 7:10, 2:10] = 1, 2
 atlas = slf.build(ids, "atlas.slf", labels=True, each_label=True, lighting="direct", entry=2,
                   exit=8, finest_level=0, force=True)
-atlas.show(structures={"label 2": slf.Look(0.5, (1, 0, 0))})"""]}
+atlas.show(structures={"label 2": slf.Look(0.5, (1, 0, 0))})"""],
+    "widget": ["""
+import os, numpy as np, slf
+def listening():
+    with open("/proc/self/net/tcp") as one:
+        open_ones = {line.split()[9] for line in one if line.split()[3] == "0A"}
+    links = [os.path.join("/proc/self/fd", name) for name in os.listdir("/proc/self/fd")]
+    return sum(os.readlink(link)[8:-1] in open_ones for link in links if os.path.islink(link))
+ports = listening()
+field = slf.open('field.slf')
+widget = field.widget(slf.orbit(60, 10, 2.5), height=400)
+widget""", """
+ids = np.zeros((12, 12, 12), np.uint8)
+ids[2:10, 2:5, 2:10], ids[2:10, 7:10, 2:10] = 1, 2
+how = dict(labels=True, lighting="direct", entry=2, exit=8, finest_level=0, force=True)
+parts = slf.build(ids, "parts.slf", each_label=True, **how).widget(structures=["label 2"])
+parts""", """
+states = [{"name": "whole"}, {"name": "half", "clip": [(6, 6, 6, 0, 0, 1)]}]
+states = slf.build(ids, "states.slf", states=states, **how).widget(state="half")
+states"""]}
 
 
 def path(name):
@@ -225,6 +245,92 @@ class NotebookTest(unittest.TestCase):
                 page.run(f"{FRAME}.contentDocument.querySelector('slf-field').structures"),
                 ["label 2:0.5:#ff0000"])
             page.close()
+
+    def test_a_widget_by_messages_of_the_kernel(self):
+        python = lambda code: page.run(
+            "new Promise((done) => Jupyter.notebook.kernel.execute('', {shell: {reply: "
+            "({content}) => done(content.user_expressions.it.data?.['text/plain'] ?? "
+            "JSON.stringify(content))}}, {user_expressions: {it: " + json.dumps(code) + "}}))")
+        set_to = lambda name, value: python("setattr({}, {!r}, {})".format(*name.split("."), value))
+
+        def wait(code, value):
+            deadline = time.monotonic() + 20
+            while (found := python(code)) != value:
+                self.assertLess(time.monotonic(), deadline, f"{code}: {found}, not {value}")
+                time.sleep(0.2)
+
+        element = "document.querySelectorAll('slf-field')[%d]"
+        settled = lambda k: page.wait(f"{element % k}?.viewer?.state === 'settled'", 60)
+        with Notebook(WORK, "localhost") as notebook:
+            page = self.browser.open(f"{notebook.url}/notebooks/widget.ipynb", 1000, 1800)
+            page.wait("globalThis.Jupyter?.notebook?.kernel?.is_connected()")
+            page.run("Jupyter.notebook.execute_all_cells()")
+            page.wait("document.querySelectorAll('slf-field').length === 3", 60)
+            shown = element % 0
+            for k in range(3):
+                page.run(f"{element % k}.scrollIntoView({{block: 'center'}})")
+                settled(k)
+            # As slf render draws it: so tiles came.
+            page.run(f"{shown}.scrollIntoView({{block: 'center'}})")
+            settled(0)
+            self.assertEqual(page.run(f"{shown}.view"), "60,10,2.5")
+            page.run(f"({shown}.viewer.settings.level = 1, {shown}.viewer.changed(), 0)")
+            settled(0)
+            with open(path("widget.png"), "wb") as file:
+                file.write(base64.b64decode(page.run(
+                    f"{shown}.picture().then((blob) => blob.arrayBuffer()).then((bytes) => "
+                    "btoa(String.fromCharCode(...new Uint8Array(bytes))))")))
+            width, height = page.run(f"[{shown}.byId('picture').width, "
+                                     f"{shown}.byId('picture').height]")
+            slf("render", path("field.slf"), "-o", path("widget-slf.png"), "-f", "--level", 1,
+                "--orbit", "60,10,2.5", "--size", f"{width}x{height}", "--background", "0,0,0")
+            found = json.loads(slf("compare", path("widget.png"), path("widget-slf.png"), "--json"))
+            self.assertGreater(found["psnr"] or 99, 38)
+            self.assertEqual(page.run(f"{shown}.byId('name').textContent"), "balls")
+            # Python changes the page.
+            set_to("widget.camera", "slf.orbit(10, 0, 3)")
+            page.wait(f"{shown}.view === '10,0,3'", 20)
+            set_to("widget.clip", "[((0, 0, 0), (0, 0, 1))]")
+            page.wait(f"{shown}.clip.join() === '0,0,0,0,0,1'", 20)
+            set_to("widget.picked", "field.pick(256, 256, widget.camera)")
+            page.wait(f"{shown}.byId('lines').children.length === 1", 20)
+            set_to("parts.structures", "{'label 1': slf.Look(0.5, (1, 0, 0))}")
+            page.wait(f"{element % 1}.structures.join() === 'label 1:0.5:#ff0000'", 20)
+            self.assertEqual(page.run(f"{element % 2}.state"), "half")
+            set_to("states.state", "'whole'")
+            page.wait(f"{element % 2}.state === 'whole'", 20)
+            # The page changes Python.
+            page.run(f"({shown}.view = '350,-5,2,0.1,0,0', {shown}.clip = '', 0)")
+            wait("(round(widget.camera.look_at[0] / field.sphere.radius, 3), widget.clip)",
+                 "(0.1, [])")
+            page.run(f"({shown}.view = '30,20,3', {element % 1}.structures = ['label 2'],"
+                     f" {element % 2}.state = 'half', 0)")
+            wait("(widget.camera, parts.structures, states.state)",
+                 "(Orbit(azimuth=30.0, elevation=20.0, distance=3.0), ['label 2'], 'half')")
+            settled(0)
+            x, y = page.run(f"(({{x, y, width, height}}) => [x + width / 2, y + height / 2])"
+                            f"({shown}.getBoundingClientRect())")
+            for kind in ["mousePressed", "mouseReleased"]:
+                page.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left",
+                          buttons=int(kind == "mousePressed"), clickCount=1)
+            wait(f"field.pick({width} / 2, {height} / 2, widget.camera, ({width}, {height})).depth"
+                 " - widget.picked.depth < 0.1", "True")
+            # All by the notebook's own connection.
+            self.assertEqual(python("listening() - ports"), "0")
+            self.assertEqual(page.run("""performance.getEntriesByType('resource').filter(
+                ({name}) => new URL(name).host !== location.host && !/^(blob|data):/.test(name))
+                .length"""), 0)
+            page.screenshot(path("widget-window.png"))
+            # What is left: the picture.
+            page.run("Jupyter.notebook.save_notebook().then(() => 0)")
+            page.run("Jupyter.notebook.kernel.restart(), 0")
+            page.wait("document.querySelectorAll('slf-field').length === 0", 60)
+            self.assertEqual(page.run("""[...document.querySelectorAll('.output_html img')].map(
+                ({naturalWidth, height}) => [naturalWidth, height])"""),
+                             [[480, 400], [480, 540], [480, 540]])
+            page.close()
+        with open(path("widget.ipynb")) as file:
+            self.assertNotIn("slf-field", file.read())  # nor what the kernel had sent
 
     def test_what_is_left_when_the_kernel_has_ended(self):
         """On reload and in HTML by nbconvert: a picture, or the field if it is small."""
