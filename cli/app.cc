@@ -140,6 +140,7 @@ std::unique_ptr<CLI::App> make_app(Run& run) {
   app->set_version_flag("--version", std::string("slf ") + SLF_VERSION);
   app->add_flag("-q,--quiet", quiet, "No progress and no notes");
   add_progress(*app);
+  add_cache(*app);
   app->require_subcommand(1);
   app->fallthrough();
 

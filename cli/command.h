@@ -176,6 +176,9 @@ void add_state(CLI::App& command, const char* name, std::string& state, const ch
 /// Whether the path is an address, or that of a file that is a field by its name or its bytes.
 [[nodiscard]] bool is_field(const std::string& path);
 
+/// Adds the options of the cache of remote fields.
+void add_cache(CLI::App& app);
+
 /// The requests and bytes of all remote fields so far; none if none was opened.
 [[nodiscard]] std::optional<RemoteTraffic> traffic();
 

@@ -12,8 +12,19 @@ namespace {
 
 /// The remote fields that were opened, for their traffic.
 std::vector<RemoteField> remote_fields;
+RemoteOptions remote_options;
 
 }  // namespace
+
+void add_cache(CLI::App& app) {
+  app.add_option("--cache", remote_options.cache,
+                 "Keep what is read of fields on web servers, for later commands")
+      ->type_name(kFolder);
+  add_bytes(app, "--cache-size", remote_options.cache_bytes,
+            "The least recently used beyond are removed")
+      ->default_str("1GiB")
+      ->needs("--cache");
+}
 
 std::optional<RemoteTraffic> traffic() {
   if (remote_fields.empty()) return std::nullopt;
@@ -28,8 +39,8 @@ std::optional<RemoteTraffic> traffic() {
 }
 
 Result<Field> open_field(const std::string& path, const std::string& state) {
-  const auto field = SLF_TRY(
-      slf::open_field(path, late_progress_bar("fetch", "bytes", OnSignal::end), &remote_fields));
+  const auto field = SLF_TRY(slf::open_field(
+      path, late_progress_bar("fetch", "bytes", OnSignal::end), &remote_fields, remote_options));
   return state.empty() ? field : hinted(field.in_state(state));
 }
 

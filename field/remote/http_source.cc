@@ -20,7 +20,6 @@ using Clock = std::chrono::steady_clock;
 
 constexpr std::uint64_t kUnknown = ~std::uint64_t{0};
 constexpr long kMinBytesPerSecond = 256;  // a transfer that is slower has stalled
-constexpr double kMaxPause = 8;           // seconds
 constexpr long kRedirects = 5;
 constexpr std::uint64_t kPiece = 4 << 20;        // most bytes that one request asks for
 constexpr std::uint64_t kMaxWhole = 64 << 20;    // most bytes of a field that is fetched whole
@@ -345,13 +344,16 @@ Result<bool> HttpSource::evaluate(Transfer& t, int code) {
   const auto failed = [&](ErrorCode kind, const auto&... parts) -> Result<bool> {
     return fail(kind, url_, ": ", parts...);
   };
+  const auto after = [](double seconds) {
+    return Clock::now() +
+           std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(seconds));
+  };
   const auto again = [&](const std::string& what) -> Result<bool> {
+    resumes_ = after(std::min(t.retry_after(), kMaxPause));
     if (t.attempts >= std::max(1u, options_.attempts))
       return failed(ErrorCode::io, what, ", after ", t.attempts, " attempts");
     const double doubled = std::ldexp(options_.first_retry_delay, static_cast<int>(t.attempts) - 1);
-    const double pause = std::min(std::max(doubled, t.retry_after()), kMaxPause);
-    t.due = Clock::now() +
-            std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(pause));
+    t.due = after(std::min(std::max(doubled, t.retry_after()), kMaxPause));
     return false;
   };
   const auto changed = [&] {
@@ -410,6 +412,7 @@ Result<bool> HttpSource::evaluate(Transfer& t, int code) {
   if (size_ == kUnknown) {
     size_ = answered->total;
     validator_ = validator;
+    may_store_ = t.header("cache-control").find("no-store") == std::string::npos;
   }
   if (answered->total != size_ || validator != validator_) return changed();
   if (answered->range.begin != t.range.begin || answered->range.end != t.range.end)

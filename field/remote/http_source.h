@@ -2,6 +2,7 @@
 #pragma once
 
 #include <atomic>
+#include <chrono>
 #include <list>
 #include <memory>
 #include <mutex>
@@ -12,6 +13,8 @@
 #include "storage/range_source.h"
 
 namespace slf {
+
+inline constexpr double kMaxPause = 8;  ///< seconds between two attempts
 
 /// Thread-safety: any thread. Each fetch() uses connections of its own; later calls reuse them.
 class HttpSource final : public storage::RangeSource {
@@ -33,6 +36,11 @@ class HttpSource final : public storage::RangeSource {
   [[nodiscard]] Result<void> fetch(std::span<const storage::FileRange> ranges,
                                    const Sink& sink) override;
   [[nodiscard]] RemoteTraffic traffic() const { return {requests_, repeated_, bytes_}; }
+  /// The ETag or, without one, the date. Empty: none, or the server lets nobody store the file.
+  [[nodiscard]] std::string version() const { return may_store_ ? validator_ : ""; }
+  [[nodiscard]] bool has_ranges() const { return has_ranges_; }
+  /// When the server wants to be asked again, after an answer that said so.
+  [[nodiscard]] std::chrono::steady_clock::time_point resumes() const { return resumes_; }
 
  private:
   class Connections;
@@ -51,7 +59,8 @@ class HttpSource final : public storage::RangeSource {
   const RemoteOptions options_;
   std::uint64_t size_ = 0;
   std::string validator_;  ///< the ETag or, without one, the date
-  bool has_ranges_ = true;
+  bool has_ranges_ = true, may_store_ = true;
+  std::atomic<std::chrono::steady_clock::time_point> resumes_{};
   Bytes whole_;  ///< the file, until fetch() passes it on
   std::atomic<std::uint64_t> requests_{0}, repeated_{0}, bytes_{0};
   std::mutex mutex_;

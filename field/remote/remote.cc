@@ -2,13 +2,13 @@
 
 #include "base/try.h"
 #include "field/field_file.h"
-#include "field/remote/http_source.h"
+#include "field/remote/remote_file.h"
 
 namespace slf {
 
 Result<RemoteField> RemoteField::open(const std::string& url, const RemoteOptions& options,
                                       const ProgressCallback& progress) try {
-  auto source = SLF_TRY(HttpSource::open(url, options, progress));
+  auto source = SLF_TRY(RemoteFile::open(url, options, progress));
   auto store = SLF_TRY(storage::TileStore::open(source));
   auto file = SLF_TRY(FieldFile::open(store));
   return RemoteField(std::move(source), Field::of(std::move(file)));
@@ -19,9 +19,9 @@ Result<RemoteField> RemoteField::open(const std::string& url, const RemoteOption
 RemoteTraffic RemoteField::traffic() const { return source_->traffic(); }
 
 Result<Field> open_field(const std::string& place, const ProgressCallback& progress,
-                         std::vector<RemoteField>* remote) try {
+                         std::vector<RemoteField>* remote, const RemoteOptions& options) try {
   if (!is_address(place)) return Field::open(place);
-  const auto opened = SLF_TRY(RemoteField::open(place, {}, progress));
+  const auto opened = SLF_TRY(RemoteField::open(place, options, progress));
   if (remote) remote->push_back(opened);
   return opened.field();
 } catch (...) {

@@ -5,7 +5,8 @@
 //   slf::Renderer renderer(remote->field());
 //
 // Fetched bytes are cached in an unnamed temporary file (in TMPDIR, or /tmp), at most as long as
-// the field. So no byte is fetched twice, and memory is bounded as for a local field.
+// the field. So no byte is fetched twice, and memory is bounded as for a local field. A folder can
+// keep them for later programs.
 #pragma once
 
 #include <cstdint>
@@ -20,13 +21,18 @@
 
 namespace slf {
 
-class HttpSource;  // internal
+class RemoteFile;  // internal
 
 struct RemoteOptions {
   unsigned parallel = 6;      ///< requests at once, at least 1
   unsigned attempts = 5;      ///< for each request, at least 1; the pauses between them double
   double stall_timeout = 20;  ///< seconds to wait for a connection, or for a stalled transfer
   double first_retry_delay = 0.25;  ///< seconds before the second attempt
+  /// A folder that keeps fetched bytes of files whose server tells their version (ETag, or date).
+  /// Made if it does not exist; other users must not be able to write to it. Empty: none. Any
+  /// number of processes may share it. Entries are checked when they are read.
+  std::string cache{};
+  std::uint64_t cache_bytes = 1 << 30;  ///< the least recently used entries beyond are removed
 };
 
 /// Traffic with the server since RemoteField::open().
@@ -52,11 +58,14 @@ struct RemoteTraffic {
 /// Thread-safety: any thread.
 class RemoteField {
  public:
-  /// Opens the field with a few small requests. Characters that an address must not have, such as
-  /// blanks, are escaped. If the server does not serve parts of files (HTTP ranges), a field of at
-  /// most 64 MiB is fetched whole, with progress in bytes, and a larger one is unsupported.
-  /// cancelled: `progress` stopped that. not_found: the server has no such file. io: at every
-  /// attempt the server did not answer, or answered with another error. bad_file: as Field::open().
+  /// Opens the field with a few small requests. `url` may be several addresses of one file, with
+  /// blanks between: a request that fails at one goes to the next, unless the file there has
+  /// another length, or differs in its meta pages or in the footer of its index. Characters that an
+  /// address must not have, such as blanks, are escaped. If the server does not serve parts of
+  /// files (HTTP ranges), a field of at most 64 MiB is fetched whole, with progress in bytes, and a
+  /// larger one is unsupported. cancelled: `progress` stopped that. not_found: the server has no
+  /// such file. io: at every attempt the server did not answer, or answered with another error.
+  /// bad_file: as Field::open().
   ///
   /// Any later use of the field may fail with these errors. It also fails with bad_file if the file
   /// has changed on the server (in its ETag, date or length) since it was opened.
@@ -68,9 +77,9 @@ class RemoteField {
   [[nodiscard]] RemoteTraffic traffic() const;
 
  private:
-  RemoteField(std::shared_ptr<const HttpSource> source, Field field)
+  RemoteField(std::shared_ptr<const RemoteFile> source, Field field)
       : source_(std::move(source)), field_(std::move(field)) {}
-  std::shared_ptr<const HttpSource> source_;
+  std::shared_ptr<const RemoteFile> source_;
   Field field_;
 };
 
@@ -78,6 +87,7 @@ class RemoteField {
 /// of Field::open() or RemoteField::open().
 [[nodiscard]] Result<Field> open_field(const std::string& place,
                                        const ProgressCallback& progress = {},
-                                       std::vector<RemoteField>* remote = nullptr);
+                                       std::vector<RemoteField>* remote = nullptr,
+                                       const RemoteOptions& options = {});
 
 }  // namespace slf

@@ -42,7 +42,9 @@ const kTooLarge = kNoRanges + 'Without them, a field of at most 64 MiB is fetche
 const kCutShort = 'The host cut an answer short.';
 
 // A file on a host of static files, read by ranges. Without ranges, a small file is fetched whole.
+// With several hosts, a request that fails at one goes to the next, if that has the same file.
 export class HttpSource {
+  // `url` may be several addresses with blanks between: those after the first begin with http.
   // Requests end once `signal` is aborted. `small`: style.css is on the same host. `stores`: the
   // browser stores what was read for later visits. `first`: the ranges that readAll() will be asked
   // for first. `onProgress(done, total)` is called while a file is fetched whole; NaN: the total is
@@ -50,7 +52,11 @@ export class HttpSource {
   // the host is silent, or answers again.
   constructor(url, {signal, small = true, stores = true, first = [], onProgress, onError,
                     onWait} = {}) {
-    this.url = new URL(url, document.baseURI);
+    // Each host has its `url` and, once they are known, `tag`; `same`: whether it has the file that
+    // was opened; and `resumes`: when it wants to be asked again.
+    this.hosts = new URL(url, document.baseURI).href.split(/(?:%20)+(?=https?:)/i)
+      .map((address) => ({url: new URL(address), resumes: 0}));
+    this.host = this.hosts[0];  // the one to ask
     Object.assign(this, {signal, small, stores, first, onProgress, onError, onWait});
     this.bytes = this.requests = 0;
     this.roundTrips = 0;  // the longest chain of answers, each before the next request
@@ -60,19 +66,34 @@ export class HttpSource {
     this.early = new Map();  // promises of the bytes of `first`, by range
     this.several = false;  // whether the host serves several ranges in one answer
     this.underWay = new Set();  // promises of requests
-    this.resumes = 0;      // when the host wants to be asked again
   }
+  get url() { return this.host.url; }
   // Whether the field is on the host of the page.
   get beside() { return this.url.origin === globalThis.origin; }
 
   // Resolves to the start and the end of the file: [{begin, bytes}, …].
-  open() { return this.opened ??= this.readEnds(); }
+  open() { return this.opened ??= this.readAnyEnds(); }
+  async readAnyEnds() {
+    const {hosts} = this;
+    for (let attempt = 1;; ++attempt)
+      try {
+        return await this.readEnds();
+      } catch (error) {
+        if (hosts.length === 1 || attempt > kRetries * hosts.length || this.signal?.aborted)
+          throw error;
+        this.host = hosts[attempt % hosts.length];
+        if (this.host === hosts[0]) await pause(this.lengthOfPause(attempt / hosts.length));
+      }
+  }
   async readEnds() {
+    this.kept = [];  // what another host sent may be of another file
+    this.early.clear();
     const came = (answer) => answer.whole && this.onProgress?.(answer.have, answer.length);
     const ending = this.request(`-${kEnd}`, {retries: 0}).catch(() => {});
     const [several, start] = await Promise.all([
       servesSeveral(this.small && this.beside ? kSmallFile : this.url),
-      this.request(`0-${kStart - 1}`, {orWhole: true, came})]);
+      this.request(`0-${kStart - 1}`, {
+        orWhole: true, came, retries: this.hosts.length > 1 ? 0 : kRetries})]);
     if (start.parts.length === 0) throw new Error('The field is empty.');
     this.several = several && !start.whole;
     if (start.whole) {
@@ -80,8 +101,8 @@ export class HttpSource {
       this.kept.push(start);  // it has all that readAll() will be asked for
     }
     this.size = start.parts[0].total ?? await this.length();
-    const strong = this.tag?.startsWith('"');
-    if (strong && this.stores) this.store = new Store(this.url, this.tag);
+    const strong = this.host.tag?.startsWith('"');
+    if (strong && this.stores) this.store = new Store(this.url, this.host.tag);
     // Without several ranges in an answer, these would cost many requests.
     const first = this.several ? this.first.filter(([, end]) => end <= this.size) : [];
     this.readAll(first).forEach((bytes, i) => this.early.set(String(first[i]), bytes));
@@ -96,18 +117,54 @@ export class HttpSource {
         if (!bytes) throw new Error(kCutShort);
         return {begin, bytes};
       });
-    this.check = start.whole || strong ? () => {} : () => Promise.all(
-      ends.map(({begin, bytes}) => this.compare(begin, bytes, begin ? kFooter : kStart)));
+    // Where no ETag tells versions apart, parts that change with the file do: the meta pages have
+    // the transaction, and the footer of the index has a checksum of all tables.
+    this.marks = ends.map(({begin, bytes}) => {
+      const was = bytes.slice(begin ? -kFooter : -kStart), end = begin + bytes.length;
+      return {was, begin: end - was.length, end};
+    });
+    this.check = () => start.whole || this.host.tag?.startsWith('"') ||
+                       Promise.all(this.marks.map((mark) => this.compare(mark)));
     return ends;
   }
-  // Where no ETag tells versions apart, parts that change with the file do: the meta pages have the
-  // transaction, and the footer of the index has a checksum of all tables.
-  async compare(begin, bytes, count) {
-    const was = bytes.slice(-count), end = begin + bytes.length, from = end - was.length;
-    const answer = await this.ask(asText([[from, end]])).catch(() => {});
-    if (answer?.read(from, end)?.some((byte, i) => byte !== was[i]))
+  async compare({was, begin, end}) {
+    const answer = await this.ask(asText([[begin, end]])).catch(() => {});
+    if (answer?.read(begin, end)?.some((byte, i) => byte !== was[i]))
       this.onError?.(new Error(kChanged));
   }
+  // Asks another host from now on, after a request to `host` failed. Resolves to whether there is
+  // one. Before the file is open, open() chooses.
+  async leave(host) {
+    const {hosts} = this, at = hosts.indexOf(host);
+    for (const other of this.marks ? [...hosts.slice(at + 1), ...hosts.slice(0, at)] : []) {
+      if (this.host !== host) return true;
+      if (other.resumes > Date.now() || !await this.hasSame(other)) continue;
+      if (this.host === host) this.host = other;
+      return true;
+    }
+    return false;
+  }
+  // Whether a host has the file that was opened. If it does not answer, that is not known.
+  async hasSame(host) {
+    try {
+      host.same ??= (await Promise.all(this.marks.map(async ({was, begin, end}) => {
+        ++this.requests;
+        const response = await fetch(host.url, {
+          headers: {Range: 'bytes=' + asText([[begin, end]])}, cache: 'no-store',
+          signal: AbortSignal.timeout(kSilent)});
+        if (response.status !== 206) throw new Error();
+        const bytes = new Uint8Array(await response.arrayBuffer());
+        this.bytes += bytes.length;
+        const {total} = place(response.headers.get('Content-Range') ?? '') ?? {};
+        return (total ?? this.size) === this.size && bytes.length === was.length &&
+               bytes.every((byte, i) => byte === was[i]);
+      }))).every((same) => same);
+    } catch {
+      return false;
+    }
+    return host.same;
+  }
+  lengthOfPause(attempt) { return Math.min(200 * 2 ** attempt, kLongPause); }
   // The length of a file whose host hides it in answers with ranges.
   async length() {
     const answer = await fetch(this.url, {method: 'HEAD', cache: 'no-store'}).catch(() => {});
@@ -200,7 +257,8 @@ export class HttpSource {
   async repeat(ranges, trip, {orWhole = false, came = () => {}, retries}) {
     retries ??= this.check ? Infinity : kRetries;
     for (let attempt = 0;; ++attempt) {
-      while (this.resumes > Date.now()) await pause(this.resumes - Date.now());
+      while (this.host.resumes > Date.now()) await pause(this.host.resumes - Date.now());
+      const {host} = this;
       const stop = new AbortController(), end = () => stop.abort();
       this.signal?.throwIfAborted();
       this.signal?.addEventListener('abort', end);
@@ -215,13 +273,15 @@ export class HttpSource {
         ++this.requests;
         this.times.push(performance.now());
         // A browser's cache would split a range around the parts of it that it has. See Store.
-        const response = await awaited(fetch(this.url, {
+        const response = await awaited(fetch(host.url, {
           headers: {Range: 'bytes=' + ranges}, cache: 'no-store', signal: stop.signal}));
         const {status, headers} = response, answer = new Answer(response, ranges, orWhole);
         if (status === 206) {
           const tag = headers.get('ETag') ?? headers.get('Last-Modified');
-          if ((this.tag ??= tag) !== tag)
+          if ((host.tag ??= tag) !== tag) {
+            host.same = false;
             refuse(kChanged);
+          }
         }
         this.stores &&= !/no-store/i.test(headers.get('Cache-Control') ?? '');
         for (const reader = answer.taken ? response.body.getReader() : undefined; reader;) {
@@ -246,18 +306,22 @@ export class HttpSource {
         if (status < 500 && status !== 429) refuse(wrong);
         const after = headers.get('Retry-After') ?? '';  // seconds, or a date
         const resumes = /^\d+$/.test(after) ? Date.now() + 1000 * after : Date.parse(after);
-        this.resumes = Math.max(this.resumes, resumes || 0);
+        host.resumes = Math.max(host.resumes, resumes || 0);
       } catch (error) {
-        if (error === refusal) throw error;
+        if (error === refusal) {
+          if (await this.leave(host)) continue;
+          throw error;
+        }
         wrong = this.silence();
       } finally {
         this.signal?.removeEventListener('abort', end);
         clearTimeout(timer);
       }
       if (attempt === retries) throw new Error(wrong);
-      const waits = attempt > 0 || this.resumes > Date.now();
+      if ((attempt + 1) % this.hosts.length && await this.leave(host)) continue;
+      const waits = attempt > 0 || host.resumes > Date.now();
       if (waits && !this.waits) this.onWait?.(this.waits = true);
-      await pause(Math.min(200 * 2 ** attempt, kLongPause));
+      await pause(this.lengthOfPause(attempt));
     }
   }
   // Why there may be no answer; browsers do not tell.

@@ -1121,6 +1121,31 @@ class PageTest(unittest.TestCase):
         with Server(self.fields[0]) as server:
             self.assertIn("only its own", self.outcome(server.url + "?field=" + other.url))
 
+    def test_a_mirror_takes_over(self):
+        folder = self.site()
+
+        class Failing(Handler):
+            asked, left = 0, 0
+
+            def do_GET(self):
+                Failing.asked += self.path.endswith(".slf")
+                if Failing.asked <= Failing.left or not self.path.endswith(".slf"):
+                    return super().do_GET()
+                self.send_response(429)
+                self.send_header("Retry-After", "3600")
+                self.send_header("Content-Length", "0")
+                return self.end_headers()
+
+        shared = {"Access-Control-Allow-Origin": "*"}
+        for Failing.left in [0, 4]:  # it fails at once; once the field is open
+            Failing.asked = 0
+            with Host(folder, "one", handler=Failing) as home, \
+                    Host(folder, "one", headers=shared) as mirror:
+                both = f"{home.url}/field.slf%20{mirror.url}/field.slf"
+                self.assertEqual(self.outcome(f"{home.url}/index.html?field={both}#level=2"), "")
+                self.assertGreater(mirror.bytes("field.slf"), 0)
+                self.assertLessEqual(Failing.asked, Failing.left + 34)  # those that were under way
+
     def test_a_host_without_ranges_sends_a_small_field_once(self):
         with Host(self.site(), ranges="none") as host:
             page = self.open(host.url + "/index.html")
