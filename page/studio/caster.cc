@@ -20,7 +20,8 @@ using Clock = std::chrono::steady_clock;
 constexpr double kPace = 0.07;            // seconds that a moving picture may take
 constexpr double kLeastPixels = 96 * 96;  // of one
 constexpr std::size_t kMaxPages = 8;
-constexpr std::size_t kMaxReadings = 4;  // volumes that are kept for the next recipe
+constexpr std::chrono::seconds kAway(2);  // after which a page that asks for nothing is closed
+constexpr std::size_t kMaxReadings = 4;   // volumes that are kept for the next recipe
 constexpr std::size_t kMaxThumbnails = 64;
 constexpr std::uint32_t kThumbnail = 112;  // pixels along a side
 constexpr double kCoarser = 2;             // factor of light's spacing, and of its paths squared
@@ -32,6 +33,8 @@ Camera camera_of(const Look& look, const Sphere& own) {
 }
 
 }  // namespace
+
+bool Caster::Page::waits() const { return Clock::now() - polled < kAway; }
 
 Caster::Caster(unsigned threads) : threads_(threads), thread_([this] { work(); }) {}
 
@@ -65,6 +68,8 @@ std::uint64_t Caster::show(Recipe recipe) {
 std::optional<Drawn> Caster::picture(std::uint64_t number, const Look& look, Stage seen) {
   const std::lock_guard lock(mutex_);
   Page& page = pages_[number];
+  if (!page.waits()) changed_.notify_all();
+  page.polled = Clock::now();
   if (look.serial < page.look.serial) return Drawn{};
   if (look.serial > page.look.serial) {
     page.look = look;
@@ -142,7 +147,7 @@ std::optional<Caster::Job> Caster::next() const {
   Stage stage = Stage::none;
   for (const auto& [id, page] : pages_) {
     const bool current = page.drawn.revision == revision_ && page.drawn.serial == page.look.serial;
-    if (page.look.serial == 0 || (current && page.drawn.last)) continue;
+    if (page.look.serial == 0 || !page.waits() || (current && page.drawn.last)) continue;
     if (best && page.asked < best->asked) continue;
     best = &page, number = id;
     stage = page.look.moving ? Stage::moving
@@ -160,10 +165,10 @@ void Caster::work() {
   std::unique_lock lock(mutex_);
   while (!stop_) {
     const auto job = paused_ ? std::nullopt : next();
-    const bool rests =
-        std::ranges::none_of(pages_, [](const auto& one) { return one.second.look.moving; });
-    const bool prepares =
-        !job && !paused_ && revision_ > 0 && !prepared_ && rests && !pages_.empty();
+    const auto waits = [](const auto& one) { return one.second.waits(); };
+    const auto moves = [](const auto& one) { return one.second.waits() && one.second.look.moving; };
+    const bool prepares = !job && !paused_ && revision_ > 0 && !prepared_ &&
+                          std::ranges::none_of(pages_, moves) && std::ranges::any_of(pages_, waits);
     if (!job && !prepares) {
       changed_.wait(lock);
       continue;
@@ -223,7 +228,8 @@ Result<Drawn> Caster::picture_of(const Job& job) {
                                          [&](const Progress&) { return moving || !cancel_; }));
   if (moving) {
     const double seconds = std::chrono::duration<double>(Clock::now() - begin).count();
-    pixels_ = std::max(kLeastPixels, pixels_ * std::clamp(kPace / seconds, 0.5, 1.5));
+    const double pixels = static_cast<double>(look.width) * look.height;
+    pixels_ = std::max(kLeastPixels, pixels * std::clamp(kPace / seconds, 0.5, 1.5));
   }
   Drawn drawn;
   drawn.stage = moving ? Stage::moving : stage;
@@ -278,7 +284,17 @@ Result<std::shared_ptr<const Scene>> Caster::make(Stage stage, const std::string
     recipe.range.reset();
   }
   LightOptions& light = recipe.raycast.lighting;
-  if (stage == Stage::direct) recipe.lighting = Lighting::direct;
+  if (stage == Stage::direct) {
+    recipe.lighting = Lighting::direct;
+    recipe.environment.clear();
+  } else if (!recipe.environment.empty()) {
+    if (surroundings_of_ != recipe.environment) {
+      surroundings_ = std::make_shared<const Image>(SLF_TRY(read_image(recipe.environment)));
+      surroundings_of_ = recipe.environment;
+    }
+    light.environment = surroundings_;
+    recipe.environment.clear();
+  }
   if (stage == Stage::coarse) {
     light.spacing = std::min(16.0, kCoarser * light.spacing);
     light.samples = std::max(1u, static_cast<std::uint32_t>(light.samples / kCoarser / kCoarser));

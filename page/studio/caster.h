@@ -4,6 +4,7 @@
 
 #include <array>
 #include <atomic>
+#include <chrono>
 #include <condition_variable>
 #include <cstdint>
 #include <map>
@@ -78,6 +79,9 @@ class Caster {
     Look look;
     Drawn drawn;
     std::uint64_t asked = 0;  ///< when, as a number that grows
+    std::chrono::steady_clock::time_point polled{};
+
+    [[nodiscard]] bool waits() const;  ///< someone may still want its pictures
   };
   struct Job {
     std::uint64_t page = 0;
@@ -115,6 +119,8 @@ class Caster {
   std::uint64_t made_ = 0;  ///< and its number
   Scenes scenes_;
   recipe::Readings readings_;
+  std::string surroundings_of_;  ///< the file of `surroundings_`
+  std::shared_ptr<const Image> surroundings_;
   std::shared_ptr<SharedScenes> shared_ = share_scenes();
   double pixels_ = 320 * 320;  ///< that a picture of Stage::moving may have
   std::thread thread_;

@@ -1,13 +1,12 @@
 #include "page/studio/studio.h"
 
+#include <charconv>
 #include <chrono>
 #include <cmath>
 #include <filesystem>
-#include <functional>
 #include <nlohmann/json.hpp>
-#include <set>
 
-#include "base/file.h"
+#include "base/bytes.h"
 #include "base/guarded.h"
 #include "base/join.h"
 #include "base/nesting.h"
@@ -15,10 +14,12 @@
 #include "base/try.h"
 #include "page/page.h"
 #include "page/studio/caster.h"
+#include "page/studio/draft.h"
 #include "page/studio/subject.h"
 #include "page/studio/task.h"
 #include "page/views.h"
 #include "slf/build.h"
+#include "slf/image.h"
 #include "slf/transfer.h"
 #include "source/recipe/options.h"
 
@@ -31,25 +32,6 @@ using Clock = std::chrono::steady_clock;
 
 constexpr std::uint32_t kMaxSide = 4096;  // of pictures
 constexpr std::chrono::seconds kDraftEvery(1);
-
-/// Whether an option names a file, and not something built in.
-bool names_file(const std::string& name, const json& value) {
-  const recipe::Option* const option = recipe::find(name);
-  return option && option->type.form == recipe::Type::Form::file && value.is_string() &&
-         recipe::names_file(option->name, value.get<std::string>());
-}
-
-/// Options of a recipe, or of one of its states, after `change` of each path in them.
-json with_paths(json options, const std::function<fs::path(const fs::path&)>& change) {
-  for (auto& [name, value] : options.items()) {
-    if (!names_file(name, value)) continue;
-    const auto text = value.get<std::string>();
-    const bool pictures = name == "input" && text.starts_with(recipe::kPicturesPrefix);
-    const std::size_t prefix = pictures ? recipe::kPicturesPrefix.size() : 0;
-    value = text.substr(0, prefix) + change(text.substr(prefix)).string();
-  }
-  return options;
-}
 
 Response text(int status, std::string_view type, std::string body) {
   Response response;
@@ -102,50 +84,20 @@ std::optional<Look> look_of(const json& from) {
 }  // namespace
 
 struct Studio::State {
-  State(Recipe recipe, StudioOptions given)
-      : base(std::move(recipe)), options(std::move(given)), caster(options.threads) {}
+  State(Draft begun, StudioOptions given)
+      : draft(std::move(begun)), options(std::move(given)), caster(options.threads) {}
   ~State() {
-    if (!kept) (void)guarded([&] { return keep(); });
+    if (!draft.kept) (void)guarded([&] { return draft.keep(); });
+    (void)guarded([&] { draft.tidy(); });
   }
 
-  /// A page reads no file but those that the maker named when the studio began.
-  Result<void> check_files(const json& stated) const {
-    for (const auto& [name, value] : stated.items())
-      if (names_file(name, value) && !files.contains(value.get<std::string>()))
-        return fail(ErrorCode::usage, name, ": files are named on the command line");
-    return {};
-  }
-
-  /// The recipe of this JSON: what the page states, of the input that it is given.
-  Result<Recipe> parse(const json& stated) const {
-    if (!stated.is_object()) return fail(ErrorCode::usage, "expected an object");
-    SLF_TRY(check_files(stated));
-    Recipe made;
-    made.input = base.input;
-    made.volume = base.volume;
-    if (!base.volume) made.stated.insert("input");
-    for (const auto& [name, value] : stated.items()) SLF_TRY(recipe::set(made, name, value));
-    SLF_TRY(recipe::check_applies(made));
-    return made;
-  }
-
-  Result<void> show(const json& stated) {
-    auto made = SLF_TRY(parse(stated));
-    shown = stated;
-    revision = caster.show(std::move(made));
-    return {};
-  }
-
-  /// Writes the draft.
+  /// Keeps the draft, at most once in a while.
   Result<void> keep() {
-    kept = true;
+    if (draft.kept || Clock::now() - kept_at < kDraftEvery) return {};
     kept_at = Clock::now();
-    const json draft{{"recipe", document}, {"shown", shown}, {"views", views}, {"owns", owned}};
-    return write_file(draft_path, bytes_of(draft.dump()));
+    return draft.keep();
   }
 
-  Result<void> save();
-  [[nodiscard]] Result<Recipe> whole() const;
   template <class T, class Work>
   void begin(Task<T>& task, const Work& work);
   void build(bool replace);
@@ -154,24 +106,23 @@ struct Studio::State {
   json state();
   std::optional<Response> picture(const json& body);
   Response point(const json& body);
+  Response change(const json& body);
   std::optional<Response> preset(std::string_view number);
   Response presets(const json& body);
+  Response take(const Request& request);
+  Response surroundings();
   std::optional<Response> act(const Request& request, std::string_view rest);
 
-  const Recipe base;
+  Draft draft;
   const StudioOptions options;
-  std::set<std::string> files;  ///< that were named when the studio began
-  json document, shown;         ///< the recipe, with states; and what is shown of it
-  json views = json::object();  ///< what --views takes: saved views, notes, what a page says
-  std::string recipe_path, views_path, draft_path;
-  std::set<std::string> owned;  ///< of these, those that this studio, or one before it, wrote
-  bool kept = true, restored = false;
   Clock::time_point kept_at{};
   std::uint64_t revision = 0;
+  json author;  ///< the page that made this revision
   std::vector<TransferPreset> known;
   std::vector<std::string> fitted;  ///< JSON of presets for this volume
   json histogram;
   std::shared_ptr<const Volume> measured;  ///< that `histogram` and `fitted` are of
+  std::string pictured, small_picture;     ///< surroundings, and a picture of them
 
   std::string folder;           ///< of the field that was built
   std::uint64_t forecast_of{};  ///< the revision
@@ -180,56 +131,15 @@ struct Studio::State {
   Task<BuildReport> builder;
 };
 
-/// Writes the recipe with paths that are relative to it.
-Result<void> Studio::State::save() {
-  std::error_code ignored;
-  std::vector<std::string> written{recipe_path};
-  const auto says = [](const json& part) { return !part.empty(); };
-  const bool has_views = std::ranges::any_of(views, says);
-  if (has_views) written.push_back(views_path);
-  for (const std::string& path : written)
-    if (!owned.contains(path) && fs::exists(path, ignored))
-      return fail(ErrorCode::usage, path,
-                  ": exists, and was not saved by this studio; move it, or name another recipe by "
-                  "--save, another output by -o");
-  SLF_TRY(whole());
-  const fs::path where = fs::absolute(recipe_path).parent_path();
-  const auto from_there = [&](const fs::path& path) {
-    return fs::proximate(fs::absolute(path), where);
-  };
-  json out = document;
-  if (!base.volume) out["input"] = base.input;
-  out = with_paths(out, from_there);
-  if (out.contains("states"))
-    for (json& state : out["states"]) state = with_paths(state, from_there);
-  SLF_TRY(write_file(recipe_path, bytes_of(out.dump(2) + "\n")));
-  owned.insert(written.begin(), written.end());
-  if (has_views) SLF_TRY(write_file(views_path, bytes_of(views.dump(2) + "\n")));
-  fs::remove(draft_path, ignored);
-  kept = true;
-  return {};
-}
-
-/// The recipe with its states, to build it.
-Result<Recipe> Studio::State::whole() const {
-  json stated = document;
-  const json states = stated.value("states", json());
-  stated.erase("states");
-  Recipe recipe = SLF_TRY(parse(stated));
-  if (states.is_array())
-    for (const json& state : states) SLF_TRY(check_files(state));
-  if (!states.is_null()) SLF_TRY(recipe::add_states(recipe, states, {}));
-  recipe.raycast.lighting.linear = recipe.field.half;
-  recipe.light_volume.threads = recipe.field.threads = options.threads;
-  return recipe;
-}
-
 /// Works on what the recipe makes: its states, and how they are to be built.
 template <class T, class Work>
 void Studio::State::begin(Task<T>& task, const Work& work) {
-  task.start([recipe = whole(), work](const ProgressCallback& progress) -> Result<T> {
+  task.start([recipe = draft.whole(), threads = options.threads,
+              work](const ProgressCallback& progress) -> Result<T> {
     if (!recipe) return tl::unexpected(recipe.error());
     Recipe made = *recipe;
+    made.raycast.lighting.linear = made.field.half;
+    made.light_volume.threads = made.field.threads = threads;
     made.light_volume.progress = progress;
     const auto scenes = SLF_TRY(make_scenes(made));
     const auto states = field_states(scenes);
@@ -298,22 +208,22 @@ json Studio::State::state() {
     fitted.clear();
     known.assign(built_in_transfers().begin(), built_in_transfers().end());
   }
-  json all{{"name", fs::path(base.input).filename().string()},
-           {"kind", recipe::kind_of(base)},
+  json all{{"name", fs::path(draft.base.input).filename().string()},
+           {"kind", recipe::kind_of(draft.base)},
            {"revision", revision},
-           {"recipe", document},
-           {"shown", shown},
-           {"views", views},
-           {"restored", restored},
+           {"recipe", draft.document},
+           {"shown", draft.shown},
+           {"views", draft.views},
+           {"restored", draft.restored},
            {"notes", caster.notes()},
            {"output", options.output},
-           {"save", recipe_path},
-           {"saved", owned.contains(recipe_path) && kept && !fs::exists(draft_path)},
+           {"save", draft.recipe_path},
+           {"saved", draft.saved()},
            {"build", progress()}};
   if (!volume) return all;
   all.update(place_of(*volume));
   if (volume->labels) {
-    const auto made = parse(shown);
+    const auto made = draft.parse(draft.shown);
     all["labels"] = labels_of(*volume, made ? made->label_table : "");
     return all;
   }
@@ -326,7 +236,7 @@ json Studio::State::state() {
                        {"description", known[k].description},
                        {"function", json::parse(fitted[k])}});
   all["presets"] = std::move(presets);
-  auto recipe = parse(shown);
+  auto recipe = draft.parse(draft.shown);
   const std::string transfer = recipe ? recipe->transfer : "";
   const auto preset =
       transfer.empty()
@@ -342,12 +252,14 @@ std::optional<Response> Studio::State::picture(const json& body) {
   const auto look = look_of(body);
   if (!look) return refusal("a camera was expected", 400);
   if (look->moving) forecaster.stop();
-  const auto seen = static_cast<Stage>(std::clamp(body.value("seen", 0), 0, 4));
+  const bool same = body.value("revision", std::uint64_t{0}) == revision;
+  const auto seen = static_cast<Stage>(same ? std::clamp(body.value("seen", 0), 0, 4) : 0);
   const auto drawn = caster.picture(body.value("page", std::uint64_t{0}), *look, seen);
   if (!drawn) return std::nullopt;
-  if (!drawn->error.empty()) return refusal(drawn->error);
-  if (drawn->bytes.empty()) return text(204, "text/plain", "");
-  Response response = text(200, drawn->png ? "image/png" : "image/jpeg", drawn->bytes);
+  if (drawn->bytes.empty() && drawn->error.empty()) return text(204, "text/plain", "");
+  Response response = drawn->error.empty()
+                          ? text(200, drawn->png ? "image/png" : "image/jpeg", drawn->bytes)
+                          : refusal(drawn->error);
   const Sphere& sphere = drawn->sphere;
   response.set("Slf-Stage", std::to_string(static_cast<int>(drawn->stage)));
   response.set("Slf-Last", drawn->last ? "1" : "0");
@@ -390,7 +302,57 @@ Response Studio::State::presets(const json& body) {
   return reply({{"first", known.size() - read->size()}});
 }
 
+/// Another recipe, from a page that knows the newest one: of those that know an older one, from
+/// the page that made the newest, because its answer may have been lost.
+Response Studio::State::change(const json& body) {
+  const json page = body.value("page", json());
+  if (body.value("revision", std::uint64_t{0}) != revision && (page.is_null() || page != author))
+    return refusal("the recipe was changed on another page", 409);
+  const json views = body.value("views", draft.views), shown = body.value("shown", json());
+  if (const auto read = parse_views({draft.views_path, views.dump()}, {}); !read && !views.empty())
+    return refusal(read.error().message);
+  auto made = draft.parse(shown);
+  if (!made) return refusal(made.error().message);
+  revision = caster.show(std::move(*made));
+  author = page;
+  draft.shown = shown;
+  draft.document = body.value("recipe", shown);
+  draft.views = views;
+  draft.kept = false;
+  if (const auto written = keep(); !written) return refusal(written.error().message);
+  return reply({{"revision", revision}});
+}
+
+/// A piece of a picture of surroundings.
+Response Studio::State::take(const Request& request) {
+  const auto number = [&](std::string_view header) {
+    std::uint64_t value = 0;
+    const std::string_view text = request.header(header);
+    std::from_chars(text.data(), text.data() + text.size(), value);
+    return value;
+  };
+  const auto taken = draft.take(number("slf-first"), number("slf-size"), bytes_of(request.body));
+  if (!taken) return refusal(taken.error().message);
+  return reply({{"environment", *taken}});
+}
+
+/// A small picture of the surroundings that are shown.
+Response Studio::State::surroundings() {
+  const auto recipe = draft.parse(draft.shown);
+  if (!recipe || recipe->environment.empty()) return refusal("no surroundings", 404);
+  if (pictured != recipe->environment) {
+    const auto picture = read_image(recipe->environment);
+    if (!picture) return refusal(picture.error().message);
+    const auto bytes = encode_image("environment.jpg", small_picture_of(*picture));
+    if (!bytes) return refusal(bytes.error().message);
+    small_picture = chars_of(*bytes);
+    pictured = recipe->environment;
+  }
+  return text(200, "image/jpeg", small_picture);
+}
+
 std::optional<Response> Studio::State::act(const Request& request, std::string_view rest) {
+  if (rest == "environment") return take(request);
   const json body = request.body.empty()
                         ? json::object()
                         : json::parse(request.body, limit_nesting, /*allow_exceptions=*/false);
@@ -403,27 +365,13 @@ std::optional<Response> Studio::State::act(const Request& request, std::string_v
     builder.stop();
     return reply(json::object());
   }
-  if (rest == "recipe") {
-    if (body.value("revision", std::uint64_t{0}) != revision)
-      return refusal("the recipe was changed on another page", 409);
-    const json said = body.value("views", views);
-    if (const auto read = parse_views({views_path, said.dump()}, {}); !read && !said.empty())
-      return refusal(read.error().message);
-    if (const auto done_so = show(body.value("shown", json())); !done_so)
-      return refusal(done_so.error().message);
-    document = body.value("recipe", shown);
-    views = said;
-    kept = false;
-    if (Clock::now() - kept_at > kDraftEvery)
-      if (const auto written = keep(); !written) return refusal(written.error().message);
-    return reply({{"revision", revision}});
-  }
+  if (rest == "recipe") return change(body);
   if (rest == "save" || rest == "build") {
     if (rest == "build" && builder.runs()) return refusal("the build is running already", 409);
-    if (const auto saved = save(); !saved) return refusal(saved.error().message);
+    if (const auto saved = draft.save(); !saved) return refusal(saved.error().message);
     if (rest == "build") build(body.value("replace", false));
-    return reply({{"save", recipe_path},
-                  {"command", concat("slf build ", recipe_path, " -o ", options.output)}});
+    return reply({{"save", draft.recipe_path},
+                  {"command", concat("slf build ", draft.recipe_path, " -o ", options.output)}});
   }
   return refusal("not here", 404);
 }
@@ -432,67 +380,21 @@ Studio::Studio(std::unique_ptr<State> state) : state_(std::move(state)) {}
 Studio::~Studio() = default;
 
 Result<std::unique_ptr<Studio>> Studio::make(Recipe recipe, StudioOptions options) {
-  auto state = std::make_unique<State>(std::move(recipe), std::move(options));
-  State& s = *state;
-  SLF_TRY(s.caster.read(s.base));
-  const fs::path output = s.options.output;
-  const fs::path stem = output.parent_path() / output.stem();
-  s.recipe_path = s.options.save.empty() ? stem.string() + ".recipe.json" : s.options.save;
-  s.views_path = stem.string() + ".views.json";
-  s.draft_path = s.recipe_path + ".draft";
-  std::error_code ignored;
-  if (!s.options.opened.empty() && fs::equivalent(s.options.opened, s.recipe_path, ignored)) {
-    s.owned.insert(s.recipe_path);
-    if (fs::exists(s.views_path, ignored)) {
-      const auto file = SLF_TRY(read_views(s.views_path));
-      SLF_TRY(parse_views(file, {}));
-      s.views = json::parse(file.text);
-      s.owned.insert(s.views_path);
-    }
-  }
-  json first = json::object();
-  for (const recipe::Option& option : recipe::options())
-    if (s.base.stated.contains(option.name) && option.name != std::string_view("input"))
-      first[option.name] = option.get(s.base);
-  s.document = s.shown = first;
-  for (const RecipeState& given : s.base.states) {
-    json one = with_paths(json::parse(given.options), [&](const fs::path& path) {
-      return fs::path(given.file).parent_path() / path;
-    });
-    one["name"] = given.name;
-    if (!given.light_from.empty()) one["light_from"] = given.light_from;
-    s.document["states"].push_back(std::move(one));
-  }
-  const auto add_files = [&](const json& stated) {
-    for (const auto& [name, value] : stated.items())
-      if (names_file(name, value)) s.files.insert(value.get<std::string>());
-  };
-  add_files(first);
-  for (const json& one : s.document.value("states", json::array())) add_files(one);
-  if (fs::is_regular_file(s.draft_path, ignored)) {
-    const auto bytes = SLF_TRY(read_file(s.draft_path, 16 << 20));
-    const json draft = json::parse(chars_of(bytes), nullptr, /*allow_exceptions=*/false);
-    if (!draft.is_object() || !draft.contains("shown"))
-      return fail(ErrorCode::usage, s.draft_path,
-                  ": is no draft of a studio, which would be kept there; move it");
-    if (s.show(draft["shown"])) {
-      s.document = draft.value("recipe", s.shown);
-      s.views = draft.value("views", s.views);
-      s.owned.merge(draft.value("owns", std::set<std::string>()));
-      s.restored = true;
-    }
-  }
-  if (s.revision == 0) SLF_TRY(s.show(first));
+  auto draft = SLF_TRY(Draft::open(recipe, options));
+  auto state = std::make_unique<State>(std::move(draft), std::move(options));
+  SLF_TRY(state->caster.read(recipe));
+  state->revision = state->caster.show(SLF_TRY(state->draft.parse(state->draft.shown)));
   return std::unique_ptr<Studio>(new Studio(std::move(state)));
 }
 
 std::optional<Response> Studio::answer(const Request& request, std::string_view rest) {
   auto made = guarded([&]() -> Result<std::optional<Response>> {
-    if (!state_->kept && Clock::now() - state_->kept_at > kDraftEvery) SLF_TRY(state_->keep());
+    SLF_TRY(state_->keep());
     if (request.method == "POST") return state_->act(request, rest);
     if (request.method != "GET" && request.method != "HEAD")
       return refusal("only GET, HEAD and POST work here", 405);
     if (rest == "state") return reply(state_->state());
+    if (rest == "environment") return state_->surroundings();
     if (rest.starts_with("preset/")) return state_->preset(rest.substr(7));
     for (const PageFile& file : studio_files())
       if (rest == file.name || (rest.empty() && file.name == "studio.html"))

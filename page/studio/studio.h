@@ -3,11 +3,13 @@
 //
 //   GET  ""            the page; also studio.js and studio.css
 //   GET  "state"       JSON: the recipe, what it is of, presets, notes, how far a build is
-//   POST "recipe"      {"revision", "shown", "recipe", "views"}: shows and keeps others
-//   POST "look"        a camera; answered by the next better picture
+//   POST "recipe"      {"page", "revision", "shown", "recipe", "views"}: shows and keeps others
+//   POST "look"        a camera; answered by the next better picture, or that of a newer recipe
 //   POST "point"       a pixel; answered by the place and the value that it shows
 //   GET  "preset/N"    a small picture of the N-th preset
 //   POST "presets"     {"name", "text"}: a file of transfer functions; answered by those
+//   POST "environment" bytes of a picture of surroundings, Slf-First on of Slf-Size; answered by
+//                      the path at which all of them are. GET: a small picture of it
 //   POST "forecast"    answered by what a build would take (BuildForecast), once that is known
 //   POST "save"        writes the recipe, and what --views takes
 //   POST "build"       saves, and builds the field; "stop" ends that

@@ -66,4 +66,24 @@ nlohmann::json labels_of(const Volume& volume, const std::string& table) {
   return labels;
 }
 
+Image small_picture_of(const Image& surroundings) {
+  Image small{std::min(160U, surroundings.width), std::min(80U, surroundings.height), {}, {}};
+  small.rgba.resize(std::size_t{small.width} * small.height);
+  const std::size_t width = surroundings.width;
+  float sum = 0;
+  for (std::size_t k = 0; k < surroundings.rgba.size(); ++k) {
+    const std::size_t x = k % width * small.width / width,
+                      y = k / width * small.height / surroundings.height;
+    const glm::vec3 color = glm::min(glm::vec3(surroundings.rgba[k]), 100.0F);
+    small.rgba[y * small.width + x] += glm::vec4(color, 1);
+    sum += (color.r + color.g + color.b) / 3;
+  }
+  const float mean = sum / static_cast<float>(surroundings.rgba.size());
+  for (glm::vec4& pixel : small.rgba) {
+    const glm::vec3 color = glm::vec3(pixel) / std::max(pixel.a * mean, 1e-9F);
+    pixel = glm::vec4(glm::pow(color / (1.0F + color), glm::vec3(1 / 2.2F)), 1);
+  }
+  return small;
+}
+
 }  // namespace slf::page

@@ -1,10 +1,12 @@
-// What the studio tells of the volume that it shows, in JSON. Thread-safety: any thread.
+// What the studio tells of the volume that it shows, in JSON, and of its surroundings.
+// Thread-safety: any thread.
 #pragma once
 
 #include <glm/glm.hpp>
 #include <nlohmann/json.hpp>
 #include <string>
 
+#include "slf/image.h"
 #include "slf/volume.h"
 
 namespace slf::page {
@@ -24,5 +26,8 @@ inline constexpr std::size_t kHistogramSteps = 256;
 /// The labels but 0, each with its name, colour and opacity: as a table has them
 /// (read_label_table()), or if that is empty, as the volume.
 [[nodiscard]] nlohmann::json labels_of(const Volume& volume, const std::string& table);
+
+/// A small picture of surroundings, whose mean is grey.
+[[nodiscard]] Image small_picture_of(const Image& surroundings);
 
 }  // namespace slf::page

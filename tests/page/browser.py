@@ -62,6 +62,20 @@ class Browser:
         os.close(self.read_end)
         shutil.rmtree(self.profile, ignore_errors=True)
 
+    def processes(self):
+        """The numbers of all its processes."""
+        parents = {}
+        for name in filter(str.isdigit, os.listdir("/proc")):
+            try:
+                with open(f"/proc/{name}/stat") as file:
+                    parents[int(name)] = int(file.read().rsplit(")", 1)[1].split()[1])
+            except OSError:
+                pass  # it has ended
+        found = [self.process.pid]
+        for process in found:
+            found += [child for child, parent in parents.items() if parent == process]
+        return found
+
     def read(self, deadline):
         while b"\0" not in self.buffer:
             left = deadline - time.monotonic()
@@ -101,7 +115,9 @@ class Browser:
         return Page(self, session, target)
 
     def open(self, url, width, height, scale=1, dark=True):
-        page = self.attach(self.call("Target.createTarget", url="about:blank")["targetId"])
+        """A page in a window of its own, so that none hides another."""
+        page = self.attach(self.call("Target.createTarget", url="about:blank",
+                                     newWindow=True)["targetId"])
         page.call("Page.enable")
         page.call("Runtime.enable")
         page.call("Log.enable")

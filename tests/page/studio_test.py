@@ -48,7 +48,7 @@ class Studio:
 
     def __exit__(self, *_):
         self.process.send_signal(signal.SIGINT)
-        self.status = self.process.wait(30)
+        self.status = self.process.wait(120)
         self.process.stdout.close()
 
     def ask(self, what, body=None, method=None, headers={}):
@@ -394,6 +394,180 @@ class StudioTest(unittest.TestCase):
                          [(1, [0, 1, 0], 1), (2, [0, 0, 1], 0.25)])
         slf("raycast", path("atlas.recipe.json"), "-o", path("cast.png"), "--size", size)
         self.assertIn("inf", slf("compare", path("shown.png"), path("cast.png")))
+
+    def drop(self, page, name, expression):
+        """Drops a file of this name, whose bytes an expression makes."""
+        page.run(f"""(() => {{
+          const dataTransfer = new DataTransfer();
+          dataTransfer.items.add(new File([{expression}], {json.dumps(name)}));
+          dispatchEvent(new DragEvent('drop', {{dataTransfer, cancelable: true}}));
+        }})()""")
+
+    def status(self, page, part):
+        page.wait("document.getElementById('status').textContent.includes("
+                  f"{json.dumps(part)}) === true")
+
+    def test_surroundings_are_dropped(self):
+        # Radiance HDR of 512 x 256, in more than one piece: bright from the left, dim elsewhere.
+        sky = """(() => {
+          const head = new TextEncoder().encode('#?RADIANCE\\nFORMAT=32-bit_rle_rgbe\\n\\n' +
+                                                '-Y 256 +X 512\\n');
+          const pixels = new Uint8Array(512 * 256 * 4).map((_, k) => k % 4 === 3
+            ? ((k >> 2) % 512 < 128 ? 132 : 127) : 128);
+          return new Blob([head, pixels]);
+        })()"""
+        with Studio("ball.nhdr", "-o", "ball.slf") as studio:
+            page = self.open(studio)
+            self.canvas(page, "before.png")
+            self.drop(page, "wrong.hdr", "'no picture'")
+            self.status(page, "wrong.hdr: expected a picture in OpenEXR or Radiance HDR")
+            self.drop(page, "sky.hdr", sky)
+            page.wait("document.getElementById('surroundings').naturalWidth === 160")
+            self.assertEqual(page.run("document.getElementById('status').textContent"), "")
+            self.set(page, "#environment_gain", "0.5")
+            self.fine(page)
+            self.canvas(page, "shown.png")
+            self.assertNotIn("inf", slf("compare", path("before.png"), path("shown.png")))
+            size = page.run("['width', 'height'].map((side) =>"
+                            " document.getElementById('picture')[side]).join('x')")
+            self.drop(page, "other.hdr", sky)
+            page.wait("document.getElementById('surroundings').src.includes('environment-2')")
+            page.run("document.getElementById('undo').click()")
+            page.wait("!document.getElementById('surroundings').src.includes('environment-2')")
+            self.fine(page)
+            page.run("document.getElementById('save').click()")
+            page.wait("document.getElementById('said').textContent.startsWith('Saved')")
+            page.run("document.getElementById('sky').click()")
+            page.wait("document.getElementById('surroundings').hidden && !studio.sending")
+            page.close()
+            status, said = studio.show(environment="/etc/passwd")
+            self.assertEqual(status, 422)
+            for head, body in [({"Slf-First": 5, "Slf-Size": 9}, b"abcd"),
+                               ({"Slf-First": 0, "Slf-Size": 2}, b"abcd"),
+                               ({"Slf-First": 0, "Slf-Size": 1 << 40}, b"abcd")]:
+                self.assertEqual(studio.ask("environment", body, "POST", head)[0], 422)
+        self.assertEqual(  # the second one, which nothing names, is gone
+            sorted(name for name in os.listdir(WORK) if "environment" in name),
+            ["ball.environment.hdr"])
+        with open(path("ball.recipe.json")) as file:
+            self.assertEqual(json.load(file)["environment"], "ball.environment.hdr")
+        slf("raycast", path("ball.recipe.json"), "-o", path("cast.png"), "--size", size)
+        self.assertIn("inf", slf("compare", path("shown.png"), path("cast.png")))
+
+    def network(self, page, **conditions):
+        page.call("Network.enable")
+        page.call("Network.emulateNetworkConditions", **{
+            "offline": False, "latency": 0, "downloadThroughput": -1, "uploadThroughput": -1,
+            **conditions})
+
+    def test_a_lost_connection(self):
+        with Studio("ball.nhdr", "-o", "ball.slf") as studio:
+            page = self.open(studio)
+            self.network(page, offline=True)
+            self.status(page, "does not answer")
+            self.set(page, "#exposure", "1.5")
+            time.sleep(1.5)
+            self.assertEqual(studio.state()["shown"], {})
+            self.network(page)
+            page.wait("document.getElementById('status').textContent === ''")
+            page.wait("!studio.sending")
+            self.fine(page)
+            self.assertEqual(studio.state()["shown"], {"exposure": 1.5})
+
+            # The lid is closed for a while: no process runs.
+            stopped = [studio.process.pid, *self.browser.processes()]
+            for then in (signal.SIGSTOP, signal.SIGCONT):
+                for process in stopped:
+                    os.kill(process, then)
+                time.sleep(2)
+            self.set(page, "#exposure", "-1")
+            page.wait("!studio.sending")
+            self.fine(page)
+            self.assertEqual(studio.state()["shown"], {"exposure": -1})
+
+            port = urllib.parse.urlsplit(studio.url).port
+            studio.process.kill()
+            studio.process.wait()
+            self.status(page, "does not answer")
+            with Studio("ball.nhdr", "-o", "ball.slf", "--port", str(port)) as next_one:
+                self.status(page, "started again")
+                self.assertEqual(next_one.state()["shown"], {"exposure": -1})
+            page.call("Page.navigate", url="about:blank")
+            page.close()
+
+    def test_a_slow_link(self):
+        with Studio("ball.nhdr", "-o", "ball.slf") as studio:
+            page = self.open(studio, 1320, 1000)
+            drag = [(300 + 8 * k, 300 + 3 * k) for k in range(60)]
+            self.mouse(page, drag)
+            self.fine(page)
+            near = self.motion(page)
+            self.network(page, latency=40, downloadThroughput=10e6 / 8, uploadThroughput=10e6 / 8)
+            self.mouse(page, drag)
+            self.fine(page)
+            far = self.motion(page)
+            self.network(page, latency=40, downloadThroughput=4e5 / 8, uploadThroughput=10e6 / 8)
+            self.mouse(page, drag)
+            page.wait("studio.pictures.at(-1).moving === false")
+            slow = self.motion(page)
+            page.close()
+        print(f"pictures in motion, (milliseconds, width): {near}, 10 Mbit/s {far}, 0.4 {slow}")
+        self.assertLess(far[0], 250)
+        self.assertLess(slow[1], near[1])
+
+    def motion(self, page):
+        """The median time between moving pictures since the last call, and the last one's width."""
+        seen = page.run("studio.pictures.filter((one) => one.moving).map((one) =>"
+                        " [one.at, one.width])")
+        page.run("studio.pictures.length = 0")
+        steps = sorted(b[0] - a[0] for a, b in zip(seen, seen[1:]))
+        return round(steps[len(steps) // 2]), seen[-1][1]
+
+    def test_two_pages_and_a_reload(self):
+        with Studio("ball.nhdr", "-o", "ball.slf") as studio:
+            one, other = self.open(studio), self.open(studio)
+            value = "Number(document.getElementById('exposure').value)"
+            self.set(one, "#exposure", "1.5", "input")
+            other.wait(f"{value} === 1.5")
+            for page in (one, other):
+                self.fine(page)
+            self.canvas(one, "one.png")
+            self.canvas(other, "other.png")
+            self.assertIn("inf", slf("compare", path("one.png"), path("other.png")))
+
+            self.network(other, offline=True)
+            self.status(other, "does not answer")
+            self.set(other, "#exposure", "2")
+            self.set(one, "#exposure", "1")
+            one.wait("!studio.sending")
+            self.network(other)
+            self.status(other, "Another page changed the recipe")
+            self.assertEqual(other.run(value), 1)
+            other.run("document.getElementById('undo').click()")
+            one.wait(f"{value} === 2")
+            other.close()
+
+            # A state is chosen, the camera turned, and a change on its way.
+            self.set(one, "#statename", "bright", "input")
+            one.run("document.getElementById('addstate').click()")
+            one.run("document.getElementById('picture').focus()")
+            one.call("Input.dispatchKeyEvent", type="keyDown", key="ArrowLeft")
+            self.fine(one)
+            camera = one.run("studio.camera.toText()")
+            self.set(one, "#exposure", "0.5")
+            one.run("location.reload()")
+            one.wait(f"globalThis.studio?.shown.stage === 4 && {value} === 0.5")
+            self.assertEqual(one.run("studio.camera.toText()"), camera)
+            self.assertEqual(one.run("document.querySelector('#statelist [aria-pressed=true]')"
+                                     ".textContent"), "bright")
+            one.close()
+
+    def test_what_a_page_lost_is_sent_again(self):
+        with Studio("ball.nhdr", "-o", "ball.slf") as studio:
+            first = {"page": 7, "revision": 1, "shown": {"exposure": 1}}
+            self.assertEqual(studio.ask("recipe", first)[0], 200)
+            self.assertEqual(studio.ask("recipe", first)[0], 200)  # its answer was lost
+            self.assertEqual(studio.ask("recipe", {**first, "page": 8})[0], 409)
 
     def make_atlas(self):
         middle = [(d - 1) / 2 for d in DIMS]
