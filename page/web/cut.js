@@ -4,6 +4,7 @@
 import {dot} from './camera.js';
 import {kCaps, kMaxPlanes} from './march.js';
 import {kCurves} from './shader.js';
+import {Told} from './text.js';
 
 const kMostPlanes = 6;    // as slf render takes them
 export const kMostShown = 3;  // that the page makes
@@ -57,19 +58,19 @@ export class Cut {
   async show(state) {
     const {field} = this;
     try {
-      if (field.structures.length > 0) throw new Error('Cuts through structures are hollow.');
+      if (field.structures.length > 0) throw new Told('hollowParts');
       this.worker ??= this.begun();
       const worker = await this.worker;
       const {of, parts} = await worker({action: 'show', provenance: field.provenance()});
       if (this.shown === state) this.take(of, parts);
     } catch (error) {
       this.of = undefined;
-      this.why = error.message;
+      this.why = error;
     }
   }
   async begun() {
     const code = await this.field.reveal();
-    if (code.length === 0) throw new Error('This field has no reveal: its cuts are hollow.');
+    if (code.length === 0) throw new Told('noReveal');
     const {post, module} = await this.begin();
     await post({action: 'reveal', code, module: await module});
     return post;

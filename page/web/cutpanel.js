@@ -7,7 +7,7 @@ export class CutPanel extends Handles {
   // `element`: the <slf-field>; `byId` finds its parts.
   constructor(element, byId) {
     super(byId('planes'));
-    Object.assign(this, {element, byId, viewer: element.viewer});
+    Object.assign(this, {element, byId, viewer: element.viewer, t: element.t});
     byId('cut').onclick = () => this.toggle();
     byId('cap').onchange = () => { this.element.cap = byId('cap').value; };
     for (const name of ['flip', 'snap', 'remove']) byId(name).onclick = () => this[name]();
@@ -34,7 +34,7 @@ export class CutPanel extends Handles {
     if (this.planes.length > 0) this.set([]);
     else this.add();
     const {element, viewer} = this;
-    element.showCut().then(() => viewer.cut.why && element.hint(viewer.cut.why));
+    element.showCut().then(() => viewer.cut.why && element.hint(element.told(viewer.cut.why)));
   }
   // Takes the greys of a slice from the sliders.
   window() {
@@ -52,7 +52,7 @@ export class CutPanel extends Handles {
     const slices = cut.cap.startsWith('slice') && !cut.hollow;
     byId('greys').hidden = !slices;
     byId('cap').value = cut.hollow ? 'hollow' : slices ? 'slice' : 'shaded';
-    Object.assign(byId('cap'), {disabled: cut.hollow && cut.why, title: cut.why ?? ''});
+    Object.assign(byId('cap'), {disabled: cut.hollow && Boolean(cut.why), title: cut.why ? this.element.told(cut.why) : ''});
     byId('more').disabled = planes.length >= kMostShown;
     if (slices) {
       const [low, high] = cut.window, [least, most] = cut.of.range;

@@ -2,6 +2,7 @@
 // tiles that others are predicted from. They are sent to it once, and the cache counts them.
 
 import {Cache} from './cache.js';
+import {Told} from './text.js';
 
 const kAtOnce = 2;  // messages that a worker has: it answers one while the other waits there
 
@@ -40,7 +41,7 @@ export class Decoders {
   replace(worker, makeStandIn) {
     const left = [...this.waiting.values()].filter((waiting) => waiting.worker === worker);
     if (worker.works || !makeStandIn) {
-      left.forEach(({failed}) => failed(new Error('A worker failed.')));
+      left.forEach(({failed}) => failed(new Told('worker')));
     } else {
       this.connect(worker, makeStandIn());
       left.forEach(({message}) => worker.port.postMessage(message));

@@ -3,7 +3,6 @@
 import {add, Camera} from './camera.js';
 import {make} from './look.js';
 
-const kFor = ', for views.json';
 const kSwipe = 40;      // pixels that a swipe moves at least
 const kProbe = 120;     // milliseconds between looks at what is behind notes and the scale bar
 const kBehind = 0.03;   // radii that a note may lie below the surface
@@ -17,23 +16,17 @@ function fill(element, text = '') {
       : make('a', {href: part, textContent: part, target: '_blank', rel: 'noopener'})));
 }
 
-// A number with as many digits as its error leaves.
-function rounded(value, error) {
-  const digits = Math.max(0, Math.min(6, Math.ceil(-Math.log10(error || 1e-6))));
-  return `${value.toFixed(digits)} ± ${error.toFixed(digits)}`;
-}
-
 export class Explain {
   // `element`: the <slf-field>; `byId` finds its parts.
   constructor(element, byId) {
-    Object.assign(this, {element, byId, viewer: element.viewer, views: [], notes: [], marks: [],
+    Object.assign(this, {element, byId, viewer: element.viewer, t: element.t, views: [], notes: [], marks: [],
                          at: -1});
     this.tool = undefined;  // 'ruler' or 'mark': what a click on the surface does
     byId('previous').onclick = () => this.go(this.at - 1);
     byId('next').onclick = () => this.go(this.at + 1);
     byId('ruler').onclick = () => this.use('ruler');
     byId('mark').onclick = () => this.use('mark');
-    byId('copy').onclick = () => this.copy(JSON.stringify(this.currentView()), 'This view', kFor);
+    byId('copy').onclick = () => this.copy(JSON.stringify(this.currentView()), 'viewCopied');
     const bar = byId('views');
     let from;
     bar.onpointerdown = ({clientX}) => { from = clientX; };
@@ -86,7 +79,7 @@ export class Explain {
   // Flies to the saved view that the page's address names, from 1.
   open(number) {
     if (this.views[number - 1]) this.go(number - 1);
-    else this.element.hint(`There is no saved view ${number}.`);
+    else this.element.hint(this.t('noView', number));
   }
   // Flies to a saved view; after the last one comes the first. Returns whether there are any.
   go(number) {
@@ -104,13 +97,13 @@ export class Explain {
     const {title, text} = this.views[at], link = this.byId('title');
     link.textContent = title;
     if (this.element.whole) link.href = `#saved=${at + 1}`;
-    this.byId('count').textContent = `${at + 1} of ${this.views.length}`;
+    this.byId('count').textContent = this.t('of', at + 1, this.views.length);
     fill(this.byId('text'), text);
   }
   currentView() {
     const {azimuth, elevation, distance, target} = this.viewer.camera;
     const round = (v) => Math.round(v * 1e3) / 1e3;
-    return {title: 'Title', text: '', orbit: [azimuth, elevation, distance].map(round),
+    return {title: this.t('title'), text: '', orbit: [azimuth, elevation, distance].map(round),
             ...(target.some((v) => v !== 0) && {target: this.outward(target).map(round)}),
             ...(this.viewer.field.structures.length > 0 &&
                 {structures: this.element.structures}),
@@ -118,10 +111,10 @@ export class Explain {
                 {clip: this.element.clip.map((text) => text.split(',').map(Number))}),
             ...(this.element.cap && {cap: this.element.cap})};
   }
-  async copy(text, name, what = '') {
+  async copy(text, said) {
     try {
       await navigator.clipboard.writeText(text);
-      this.element.hint(`${name} is on the clipboard${what}.`);
+      this.element.hint(this.t(said));
     } catch {
       this.element.say(text);
     }
@@ -137,18 +130,16 @@ export class Explain {
     this.byId('picture').classList.toggle('picks', this.tool !== undefined);
     this.byId('cross').hidden = !this.tool;
     this.show([]);
-    this.element.say(!this.tool ? ''
-      : `Click ${tool === 'ruler' ? 'two points' : 'a point'} of the surface, or press Enter for ` +
-        'the one in the middle.');
+    this.element.say(this.tool ? this.t(tool) : '');
   }
   // A click on the surface, at a result of Viewer.pick().
   picked(found) {
     if (!this.tool) return;
-    if (!found) return this.element.say('Nothing opaque is there.');
+    if (!found) return this.element.say(this.t('nothing'));
     if (this.tool === 'mark')
-      return this.copy(JSON.stringify({label: 'Label', text: '',
-                                       point: found.point.map((v) => +v.toFixed(3))}),
-                       'The note', kFor);
+      return this.copy(JSON.stringify({
+        label: this.t('label'), text: '', point: found.point.map((v) => +v.toFixed(3))}),
+                       'noteCopied');
     this.show([...this.marks.slice(this.marks.length === 2 ? 2 : 0), found]);
     if (this.marks.length === 2) this.element.say(this.length().text);
   }
@@ -157,11 +148,16 @@ export class Explain {
     this.marks = marks;
     this.place();
   }
+  // A number with as many digits as its error leaves.
+  rounded(value, error) {
+    const digits = Math.max(0, Math.min(6, Math.ceil(-Math.log10(error || 1e-6))));
+    return `${this.t.written(value, digits)} ± ${this.t.written(error, digits)}`;
+  }
   // Between the two points of the ruler, in world units.
   length() {
     const [a, b] = this.marks, length = Math.hypot(...add(a.point, b.point, -1));
     const error = Math.hypot(a.uncertainty, b.uncertainty);
-    return {length, error, text: `Distance: ${rounded(length, error)}${this.unit}`};
+    return {length, error, text: this.t('distance', this.rounded(length, error) + this.unit)};
   }
 
   // Puts notes, ruler and scale bar where they belong in the view.
@@ -231,10 +227,10 @@ export class Explain {
     const unit = clientHeight / (2 * half * distance * this.sphere.radius);  // in pixels
     const ten = 10 ** Math.floor(Math.log10(kBar / unit));
     const length = [5, 2, 1].map((n) => n * ten).find((v) => v * unit <= kBar);
-    bar.textContent = Number(length.toPrecision(3)) + this.unit;
-    const said = bar.textContent + (this.unit ? '' : ' units of the volume');
-    bar.setAttribute('aria-label', `Scale: the bar is ${said} long`);
-    bar.title = `${said}, on the surface in the middle`;
+    bar.textContent = this.t.written(Number(length.toPrecision(3))) + this.unit;
+    const said = bar.textContent + (this.unit ? '' : this.t('units'));
+    bar.setAttribute('aria-label', this.t('scale', said));
+    bar.title = this.t('scaleAt', said);
     line.style.width = `${length * unit}px`;
     bar.append(line);
   }

@@ -6,6 +6,7 @@
 // The GPU's table is that of one state. In the file, pages of state s begin at s × shape.pages.
 
 import {kDone, kNeedsBytes, Native} from './module.js';
+import {Told} from './text.js';
 
 export const kMissing = 0, kEmpty = 1, kStored = 2, kDamaged = 4;  // states of tiles
 
@@ -51,7 +52,7 @@ export class Field {
       if (status !== kNeedsBytes) this.native.check(status);
       await this.fetchAll(this.native.ranges());
     }
-    throw new Error('The field is damaged: its trees have no end.');
+    throw new Told('noEnd');
   }
 
   async open() {
@@ -115,7 +116,7 @@ export class Field {
       shape.pages += pages;
       shape.levels = level;
     }
-    if (shape.levels < 0) throw new Error('Level 0 of this field is too fine for the page.');
+    if (shape.levels < 0) throw new Told('level0');
     shape.tables = new Uint32Array(size);
     size = 0;
     for (const part of parts) {

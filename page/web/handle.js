@@ -3,6 +3,7 @@
 
 import {add, dot} from './camera.js';
 import {unit} from './cut.js';
+import {speaker} from './text.js';
 
 const kDisc = 0.55, kArrow = 0.3;   // radii
 const kPoints = 40;                 // of the rim
@@ -94,8 +95,7 @@ export class Handles {
       const height = dot(foot, plane.normal).toFixed(3);
       for (const [name, value] of Object.entries({
         cx: x2, cy: y2, 'aria-valuenow': height, 'aria-valuemin': -1, 'aria-valuemax': 1,
-        'aria-label': `Plane ${k + 1}: arrow keys move it, with Shift they tilt it, Home snaps it` +
-                      ' to an axis, Enter flips it, Delete removes it'}))
+        'aria-label': (this.t ??= speaker('en'))('plane', k + 1)}))
         knob.setAttribute(name, value);
       box.children[k].classList.toggle('chosen', k === this.chosen);
     });

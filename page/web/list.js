@@ -21,9 +21,10 @@ export function ownColors({states, provenance: p}) {
 }
 
 export class StructureList {
-  // `byId` finds parts of the element. Calls `changed(looks)` when the reader has changed some.
-  constructor(byId, changed) {
-    Object.assign(this, {byId, changed, rows: [], looks: []});
+  // `byId` finds parts of the element; `t` says texts. Calls `changed(looks)` when the reader has
+  // changed some.
+  constructor(byId, t, changed) {
+    Object.assign(this, {byId, t, changed, rows: [], looks: []});
     byId('all-on').onclick = () => this.change(() => ({shown: true}));
     byId('all-off').onclick = () => this.change(() => ({shown: false}));
     byId('find').oninput = ({target}) => this.rows.forEach(({row}, k) => {
@@ -33,18 +34,18 @@ export class StructureList {
 
   // Makes the rows.
   fill(names, colors) {
+    const {t} = this;
     this.names = names;
     this.byId('find').hidden = names.length <= kMany;
     this.rows = names.map((name, k) => {
       const row = make('li'), label = make('label', {title: name}), text = make('span');
       const dot = make('i', {hidden: !colors[k]});
       const button = (ariaLabel, values) => make('button', {type: 'button', ariaLabel, ...values});
-      const eye = button(`Show ${name}`, {className: 'eye', innerHTML: kEye});
-      const only = button(`Only ${name}`, {textContent: 'Only'});
+      const eye = button(t('show', name), {className: 'eye', innerHTML: kEye});
+      const only = button(t('onlyOne', name), {textContent: t('only')});
       const opacity = make('input', {type: 'range', min: 0, max: 1, step: 0.01,
-                                     ariaLabel: `Opacity of ${name}`});
-      const tint = make('input', {type: 'color', title: 'Tint: multiplies the colours',
-                                  ariaLabel: `Tint of ${name}`});
+                                     ariaLabel: t('opacity', name)});
+      const tint = make('input', {type: 'color', title: t('tints'), ariaLabel: t('tint', name)});
       dot.style.background = colors[k];
       text.append(dot, name);
       label.append(text, opacity);
@@ -63,7 +64,7 @@ export class StructureList {
   show(looks) {
     this.looks = looks;
     const count = looks.filter(({shown}) => shown).length;
-    this.byId('shown').textContent = `${count} of ${looks.length}`;
+    this.byId('shown').textContent = this.t('of', count, looks.length);
     this.rows.forEach(({row, eye, opacity, tint, only}, k) => {
       const {shown} = looks[k];
       row.className = shown ? '' : 'off';

@@ -1,117 +1,113 @@
-// What <slf-field> consists of, and how it looks.
+// What <slf-field> consists of, and how it looks. {name} is a text of text.js.
 
 import {kHandleStyle} from './handle.js';
 
 // A new element with these properties.
 export const make = (tag, values = {}) => Object.assign(document.createElement(tag), values);
 
-export const kMarkup = `
+export const markup = (t) => `<div lang="${t.language}">
 <slot name="poster"></slot>
 <canvas id="picture" tabindex="0" role="img" aria-describedby="keys"
-  aria-label="The field, seen from a camera that you can move"></canvas>
+  aria-label="{picture}"></canvas>
 <svg id="lines" aria-hidden="true"></svg>
-<svg id="planes" class="planes" role="group" aria-label="Planes that cut the object"></svg>
+<svg id="planes" class="planes" role="group" aria-label="{planes}"></svg>
 <div id="notes"></div>
 <div id="cross" aria-hidden="true" hidden></div>
 <div id="compass" aria-hidden="true" hidden></div>
 <div id="scale" role="img" hidden></div>
 <p id="seen" class="unseen" aria-live="polite"></p>
-<p id="keys" class="unseen">Arrow keys turn the view, plus and minus zoom, Shift with arrow keys
-moves it, R resets it, Space turns it by itself, F fills the screen, H hides the panel, L the list
-of structures, Page Up and Page Down show the saved views, M measures, P plays the states of the
-object, comma and period step through them, C cuts the object by a plane.</p>
-<aside id="panel" aria-label="Settings">
+<p id="keys" class="unseen">{keys}</p>
+<aside id="panel" aria-label="{settings}">
   <header>
-    <h2 id="name">Loading…</h2>
+    <h2 id="name">{loading}</h2>
     <button id="fold" class="fold" type="button" aria-expanded="true" aria-controls="settings"
-      aria-label="Settings" title="Hide or show the panel (H)">–</button>
+      aria-label="{settings}" title="{fold}">–</button>
   </header>
   <slot name="about"></slot>
   <div id="settings">
     <div id="states" hidden>
-      <label>State <select id="state"></select></label>
-      <button id="play" type="button" aria-pressed="false" title="P">Play</button>
+      <label>{state} <select id="state"></select></label>
+      <button id="play" type="button" aria-pressed="false" title="P">{play}</button>
     </div>
     <div id="tones" hidden>
-      <label>Tones <select id="curve">
-        <option value="neutral">neutral</option>
+      <label>{tones} <select id="curve">
+        <option value="neutral">{neutral}</option>
         <option value="srgb">srgb</option>
-        <option value="none">none</option>
+        <option value="none">{none}</option>
       </select></label>
-      <label>Exposure
+      <label>{exposure}
         <input id="exposure" type="range" min="-6" max="6" step="0.25" value="0"></label>
     </div>
-    <label>Background <input id="background" type="color" value="#000000"></label>
+    <label>{background} <input id="background" type="color" value="#000000"></label>
     <div id="cuts" hidden>
-      <label>Cut faces <select id="cap">
-        <option value="shaded">shaded</option>
-        <option value="slice">grey</option>
-        <option value="hollow">hollow</option>
+      <label>{cutFaces} <select id="cap">
+        <option value="shaded">{shaded}</option>
+        <option value="slice">{grey}</option>
+        <option value="hollow">{hollow}</option>
       </select></label>
       <div id="greys" hidden>
-        <label>Level <input id="grey" type="range"></label>
-        <label>Window <input id="span" type="range"></label>
+        <label>{greyLevel} <input id="grey" type="range"></label>
+        <label>{window} <input id="span" type="range"></label>
       </div>
       <div class="buttons">
-        <button id="flip" type="button">Flip</button>
-        <button id="snap" type="button">Snap to axis</button>
-        <button id="more" type="button">Add a plane</button>
-        <button id="remove" type="button">Remove</button>
+        <button id="flip" type="button">{flip}</button>
+        <button id="snap" type="button">{snap}</button>
+        <button id="more" type="button">{more}</button>
+        <button id="remove" type="button">{remove}</button>
       </div>
     </div>
     <div class="buttons">
-      <label class="check"><input id="marks" type="checkbox"> Directions</label>
-      <label class="check"><input id="spin" type="checkbox"> Turn by itself</label>
-      <button id="reset" type="button" title="R">Reset</button>
-      <button id="full" type="button" title="F">Full screen</button>
-      <button id="ruler" type="button" aria-pressed="false" title="M">Measure</button>
-      <button id="cut" type="button" aria-pressed="false" title="C">Cut</button>
-      <button id="save" type="button">Save picture</button>
-      <button id="link" type="button">Copy link</button>
-      <button id="copy" type="button">Copy this view</button>
-      <button id="mark" type="button" aria-pressed="false">Copy a note</button>
-      <button id="about" type="button">About the data</button>
+      <label class="check"><input id="marks" type="checkbox"> {directions}</label>
+      <label class="check"><input id="spin" type="checkbox"> {spin}</label>
+      <button id="reset" type="button" title="R">{reset}</button>
+      <button id="full" type="button" title="F">{full}</button>
+      <button id="ruler" type="button" aria-pressed="false" title="M">{measure}</button>
+      <button id="cut" type="button" aria-pressed="false" title="C">{cut}</button>
+      <button id="save" type="button">{save}</button>
+      <button id="link" type="button">{copyLink}</button>
+      <button id="copy" type="button">{copyView}</button>
+      <button id="mark" type="button" aria-pressed="false">{copyNote}</button>
+      <button id="about" type="button">{about}</button>
     </div>
   </div>
 </aside>
-<aside id="structures" aria-label="Structures" hidden>
+<aside id="structures" aria-label="{structures}" hidden>
   <header>
-    <h2>Structures <span id="shown"></span></h2>
+    <h2>{structures} <span id="shown"></span></h2>
     <button id="unroll" class="fold" type="button" aria-expanded="true" aria-controls="parts"
-      aria-label="List of structures" title="Hide or show the list (L)">–</button>
+      aria-label="{listOf}" title="{unroll}">–</button>
   </header>
   <div id="parts">
     <div class="buttons">
-      <button id="all-on" type="button">All on</button>
-      <button id="all-off" type="button">All off</button>
+      <button id="all-on" type="button">{allOn}</button>
+      <button id="all-off" type="button">{allOff}</button>
     </div>
-    <input id="find" type="search" placeholder="Find" aria-label="Find structures">
+    <input id="find" type="search" placeholder="{find}" aria-label="{findParts}">
     <ul id="list"></ul>
   </div>
 </aside>
-<nav id="views" aria-label="Saved views" hidden>
-  <button id="previous" type="button" aria-label="Previous view" title="Page Up">‹</button>
+<nav id="views" aria-label="{views}" hidden>
+  <button id="previous" type="button" aria-label="{previous}" title="{pageUp}">‹</button>
   <div aria-live="polite"><a id="title"></a> <span id="count"></span><p id="text"></p></div>
-  <button id="next" type="button" aria-label="Next view" title="Page Down">›</button>
+  <button id="next" type="button" aria-label="{next}" title="{pageDown}">›</button>
 </nav>
 <p id="status" role="status" aria-live="polite"></p>
-<p id="choose" hidden>A page from disk may not read the files beside it. Choose <b>field.slf</b> in
-the folder of this page: <input id="file" type="file" accept=".slf" aria-label="Field"></p>
+<p id="choose" hidden>{choose} <input id="file" type="file" accept=".slf" aria-label="{field}"></p>
 <dialog id="facts" aria-labelledby="facts-title">
-  <h2 id="facts-title">About the data</h2>
+  <h2 id="facts-title">{about}</h2>
   <dl>
     <div id="facts-list"></div>
-    <dt>Loaded</dt><dd id="bytes">–</dd>
-    <dt>Tiles</dt><dd id="tiles">–</dd>
-    <dt>Frames a second</dt><dd id="rate">–</dd>
+    <dt>{loaded}</dt><dd id="bytes">–</dd>
+    <dt>{tiles}</dt><dd id="tiles">–</dd>
+    <dt>{rate}</dt><dd id="rate">–</dd>
   </dl>
-  <label>Mode <select id="mode">
+  <label>{mode} <select id="mode">
     <option value="depth">depth</option>
     <option value="bitri">bitri</option>
   </select></label>
-  <label>Level <select id="level"><option value="auto">auto</option></select></label>
-  <form method="dialog"><button>Close</button></form>
-</dialog>`;
+  <label>{level} <select id="level"><option value="auto">{auto}</option></select></label>
+  <form method="dialog"><button>{close}</button></form>
+</dialog></div>`.replace(/\{(\w+)\}/g, (_, name) => t(name));
 
 export const kStyle = `
 :host {
@@ -129,6 +125,7 @@ export const kStyle = `
 }
 * { box-sizing: border-box; }
 [hidden] { display: none !important; }
+[lang] { display: contents; }
 #poster { position: absolute; inset: 0; width: 100%; height: 100%; object-fit: contain; }
 #picture {
   position: absolute; inset: 0; width: 100%; height: 100%; touch-action: pan-y; cursor: grab;
@@ -296,4 +293,18 @@ dialog form { margin-top: 14px; text-align: right; }
     z-index: 1;
   }
   #structures:not(:has(> div[hidden])) { max-height: 42%; }
+}
+@media print {  /* the picture, then the title, the caption, and what is said of the data */
+  :host { --ink: #000; --dim: #333; container-type: normal; height: auto; overflow: visible; }
+  [lang] > :not(#picture, #panel, #views), :is(#panel, #views) :is(button, #settings, #count) {
+    display: none;
+  }
+  #picture { position: static; height: auto; max-height: 88vh; object-fit: contain; opacity: 1; }
+  #panel, #views {
+    position: static; transform: none; width: auto; max-width: none; max-height: none; border: 0;
+    background: none; backdrop-filter: none; padding: 0;
+  }
+  aside header { padding: 8px 0 0; }
+  ::slotted([slot="about"]) { padding: 0; max-width: none; }
+  #views #title { padding: 8px 0 0; }
 }${kHandleStyle}`;

@@ -10,10 +10,11 @@ import {Decoders} from './decoders.js';
 import {Explain} from './explain.js';
 import {CutPanel} from './cutpanel.js';
 import {ownColors, StructureList} from './list.js';
-import {kMarkup, kStyle, make} from './look.js';
+import {kStyle, make, markup} from './look.js';
 import {embeddedSource, fileSource, HttpSource, LocalSource} from './source.js';
 import {joined, looksOf, split, textsOf} from './structures.js';
 import {media, sleep} from './media.js';
+import {speaker, Told} from './text.js';
 import {Viewer} from './viewer.js';
 import {serve} from './worker.js';
 import workerScript from 'worker-script';  // worker.js as the build bundles it
@@ -29,8 +30,6 @@ const base = document?.currentScript?.src || document?.baseURI;
 // The field, where it is inside the page.
 const pieces =
   [...document?.querySelectorAll('script.piece') ?? []].map((script) => script.textContent);
-const human = (n) =>
-  n < 1 << 20 ? `${(n / 1024).toFixed(0)} KiB` : `${(n / (1 << 20)).toFixed(1)} MiB`;
 const light = media('(prefers-color-scheme: light)');
 const backgroundOf = ({matches}) => matches ? '#f4f5f7' : '#000000';
 const firstSettings = () => ({mode: 'depth', level: 'auto', curve: 'neutral', exposure: 0,
@@ -56,12 +55,11 @@ async function packed(name) {
   }
   const text = globalThis.slfModules?.[name];
   if (text) return new Response(fromBase64(text));
-  throw new Error(`A part of this page cannot be loaded: ${name}.`);
+  throw new Told('noPart', name);
 }
 async function compileModule(name) {
   for (const needed of ['WebAssembly', 'DecompressionStream'])
-    if (!globalThis[needed])
-      throw new Error(`This browser is too old or locked down: it lacks ${needed}.`);
+    if (!globalThis[needed]) throw new Told('tooOld', needed);
   const bytes = (await packed(name)).body.pipeThrough(new DecompressionStream('gzip'));
   try {
     return await WebAssembly.compileStreaming(
@@ -70,8 +68,7 @@ async function compileModule(name) {
     // A policy forbids the smallest module, too. Browsers word that in different ways.
     const smallest = Uint8Array.of(0, 97, 115, 109, 1, 0, 0, 0);
     if (await WebAssembly.compile(smallest).catch(() => {})) throw error;
-    throw new Error('The host of this page forbids WebAssembly. Its Content-Security-Policy must ' +
-                    "have 'wasm-unsafe-eval' in script-src.");
+    throw new Told('noWasm');
   }
 }
 const compiled = {};
@@ -95,11 +92,7 @@ function makeStandIn() {
 const kChoices = {  // in the panel and, in these forms, in the page's address
   mode: /^(depth|bitri)$/, level: /^(auto|\d{1,2})$/, background: /^#[0-9a-f]{6}$/i,
   curve: /^(neutral|srgb|none)$/, exposure: /^-?([0-5](\.\d+)?|6)$/};
-const kProjections = {
-  mip: 'maximum intensity projection',
-  minip: 'minimum intensity projection',
-  mean: 'mean intensity projection',
-};
+const kProjections = ['mip', 'minip', 'mean'];
 const kAxes = {x: [1, 0, 0], y: [0, 1, 0], z: [0, 0, 1]};
 const kPatientAxes = {  // LPS
   L: [1, 0, 0], R: [-1, 0, 0], P: [0, 1, 0], A: [0, -1, 0], S: [0, 0, 1], I: [0, 0, -1]};
@@ -129,9 +122,12 @@ export class SlfField extends (globalThis.HTMLElement ?? Object) {
     const {signal} = this.stop = new AbortController();
     const root = this.shadowRoot ?? this.attachShadow({mode: 'open'});
     root.adoptedStyleSheets = [sheet];
-    root.innerHTML = kMarkup;
+    const t = this.t = speaker(this.lang);
+    root.innerHTML = markup(t);
     this.byId = (id) => root.getElementById(id);
     this.whole = this.hasAttribute('address');
+    if (this.whole) document.documentElement.lang = t.language;
+    for (const link of this.querySelectorAll('[slot="about"] a')) link.textContent = t('source');
     this.alone = this.whole && parent === globalThis;  // nothing around it scrolls
     if (this.alone) this.byId('picture').style.touchAction = 'none';
     else if (this.whole) parent.postMessage('slf-field', '*');  // to a notebook around it: it runs
@@ -143,7 +139,7 @@ export class SlfField extends (globalThis.HTMLElement ?? Object) {
     this.byId('unroll').onclick = () => this.toggle('parts');
     this.explain = new Explain(this, this.byId);
     this.handles = new CutPanel(this, this.byId);
-    this.list = new StructureList(this.byId, (looks) => this.showLooks(looks));
+    this.list = new StructureList(this.byId, t, (looks) => this.showLooks(looks));
     if (this.whole) this.readFragment();
     const poster = this.getAttribute('poster');
     if (poster)
@@ -224,7 +220,7 @@ export class SlfField extends (globalThis.HTMLElement ?? Object) {
     const {settings, viewer} = this;
     if (!this.filled) return;
     this.tell('change', {names: ['clip', 'cap']});
-    await viewer.showCut(settings.clip, settings.cap).catch((error) => this.say(error.message));
+    await viewer.showCut(settings.clip, settings.cap).catch((error) => this.say(this.told(error)));
   }
   // The structures that are shown, and how: texts as slf render --structure takes them.
   get structures() { return this.settings.structures ?? ['*']; }
@@ -233,19 +229,23 @@ export class SlfField extends (globalThis.HTMLElement ?? Object) {
     this.settings.structures = split(given);
     if (!this.filled || !this.list.names) return;
     const {looks, unknown} = looksOf(this.viewer.field, this.settings.structures);
-    if (unknown.length > 0) this.hint(`This field has no structure named ${unknown.join(', ')}.`);
+    if (unknown.length > 0) this.hint(this.t('noStructure', unknown.join(', ')));
     this.list.show(looks);
     this.showLooks(looks);
   }
-  static observedAttributes = ['src', 'view', 'state', 'structures', 'clip', 'cap'];
+  static observedAttributes = ['src', 'lang', 'view', 'state', 'structures', 'clip', 'cap'];
   attributeChangedCallback(name, before, value) {
-    if (name !== 'src') {
+    if (name === 'lang') {
+      if (!this.stop || before === value) return;
+      this.dispose();
+      this.mount();
+    } else if (name !== 'src') {
       this[name] = value ?? {view: '30,20,3', structures: '*'}[name];
     } else if (this.stop && before !== value) {  // another field, as if the element were new
       this.dispose();
       this.turned = true;
       this.settings = firstSettings();
-      for (const other of SlfField.observedAttributes.slice(1))
+      for (const other of SlfField.observedAttributes.slice(2))
         this.attributeChangedCallback(other, undefined, this.getAttribute(other));
       this.mount();
     }
@@ -264,10 +264,11 @@ export class SlfField extends (globalThis.HTMLElement ?? Object) {
     this.say(text);
     setTimeout(() => this.byId('status').textContent === text && this.say(''), 4000);
   }
+  told(error) { return error.said ? this.t(...error.said) : String(error?.message ?? error); }
   failed(error) {
     if (this.whole) this.byId('name').textContent = document.title;
-    this.say(this.viewer.message, true);
-    this.tell('error', {message: this.viewer.message, error});
+    this.say(this.told(error), true);
+    this.tell('error', {message: this.told(error), error});
   }
 
   async start(signal) {
@@ -312,14 +313,13 @@ export class SlfField extends (globalThis.HTMLElement ?? Object) {
     if (pieces.length > 0 && !src) return embeddedSource(pieces);
     const given = this.whole ? new URLSearchParams(location.search).get('field') : undefined;
     if (given && this.hasAttribute('own'))
-      throw new Error('slf view shows only its own fields; the page of slf export shows others.');
-    if (!given && !src && !this.whole)
-      throw new Error('<slf-field> needs an attribute src: the address of a field.');
+      throw new Told('ownOnly');
+    if (!given && !src && !this.whole) throw new Told('noSrc');
     let url;
     try {
       url = new URL(given ?? src ?? 'field.slf', document.baseURI);
     } catch {
-      throw new Error(`${given ? '?field=' : 'src='}${given ?? src}: not an address`);
+      throw new Told('noAddress', `${given ? '?field=' : 'src='}${given ?? src}`);
     }
     if (url.protocol === 'file:') return fileSource(await this.chosenFile());
     return new HttpSource(url, {
@@ -327,10 +327,10 @@ export class SlfField extends (globalThis.HTMLElement ?? Object) {
       // The tiles of the first picture, as the exporter found them.
       first: given || this.turned ? [] : (this.getAttribute('first') ?? '').split(' ')
         .filter(Boolean).map((range) => range.split('-').map(Number)),
-      onProgress: (done, total) => this.say('This host serves only whole files. Fetched ' +
-        human(done) + (total ? ` of ${human(total)}` : '')),
+      onProgress: (done, total) => this.say(this.t(
+        'whole', total ? ['of', this.human(done), this.human(total)] : this.human(done))),
       onError: (error) => this.viewer.fail(error),
-      onWait: (waits) => this.say(waits ? 'Waiting for the network…' : ''),
+      onWait: (waits) => this.say(waits ? this.t('waiting') : ''),
     });
   }
   // Resolves to a file of this machine that the reader chooses.
@@ -351,7 +351,7 @@ export class SlfField extends (globalThis.HTMLElement ?? Object) {
     if (!address) return this.whole && text ? JSON.parse(text.textContent) : {};
     const answer = await fetch(new URL(address, document.baseURI)).catch(() => {});
     if (answer?.ok) return answer.json();
-    this.say(`${address} cannot be loaded.`);
+    this.say(this.t('noViews', address));
     return {};
   }
 
@@ -361,7 +361,7 @@ export class SlfField extends (globalThis.HTMLElement ?? Object) {
   lost() {
     this.byId('picture').classList.remove('shown');
     this.dropPoster();
-    this.say('The graphics card was reset; waiting for it.');
+    this.say(this.t('lost'));
   }
   // Drops a poster that is not of what is shown.
   dropPoster() {
@@ -386,10 +386,11 @@ export class SlfField extends (globalThis.HTMLElement ?? Object) {
   settled() {
     const {azimuth, elevation, distance} = this.camera, {states, structures} = this.viewer.field;
     const text = [
-      `${this.byId('name').textContent}, seen from azimuth ${azimuth.toFixed()}°, elevation ` +
-      `${elevation.toFixed()}°, ${Number(distance.toFixed(1))} radii away`,
-      ...(states.length > 1 ? [`state ${this.state}`] : []),
-      ...(structures.length > 0 ? [`structures ${this.structures.join(', ')}`] : [])].join('; ');
+      this.t('seen', this.byId('name').textContent, azimuth.toFixed(), elevation.toFixed(),
+             Number(distance.toFixed(1))),
+      ...(states.length > 1 ? [this.t('seenState', this.state)] : []),
+      ...(structures.length > 0 ? [this.t('seenParts', this.structures.join(', '))] : [])]
+      .join('; ');
     this.byId('picture').ariaLabel = this.byId('seen').textContent = text;
     this.keepLink();
   }
@@ -447,35 +448,39 @@ export class SlfField extends (globalThis.HTMLElement ?? Object) {
 
   // ---- the panel --------------------------------------------------------------------------------
 
+  human(bytes) {
+    const {written} = this.t, kib = bytes / 1024;
+    return kib < 1024 ? `${written(kib, 0)} KiB` : `${written(kib / 1024, 1)} MiB`;
+  }
   showCounts() {
     const {source, loader, rate} = this.viewer;
     this.byId('rate').textContent = rate ? rate.toFixed(0) : '–';
     this.byId('bytes').textContent =
-      `${human(source.bytes)} (${(100 * source.bytes / source.size).toFixed(0)} %)`;
+      `${this.human(source.bytes)} (${(100 * source.bytes / source.size).toFixed(0)} %)`;
     this.byId('tiles').textContent = String(loader.tiles);
     if (loader.damaged > 0)
-      this.say(`${loader.damaged} damaged tiles: coarser ones stand in. slf verify says more.`);
+      this.say(this.t('damaged', loader.damaged));
   }
 
   showFacts() {
-    const {manifest: m} = this.viewer.field, p = m.provenance ?? {}, fine = m.levels;
+    const {t} = this, {manifest: m} = this.viewer.field, p = m.provenance ?? {}, fine = m.levels;
     const facts = {
-      Source: this.byId('name').textContent,
-      State: this.settings.state,
-      Structures: this.list.names?.length,
-      Kind: p.kind,
-      Voxels: p.dims?.join(' × '),
-      Colours: p.transfer?.[0]?.Name,
-      Shows: kProjections[p.projection],
-      Lattice: `${m.entry_side << fine} entry, ${m.exit_side << fine} exit`,
-      Levels: m.levels + 1,
-      Samples: `${m.format} (${m.codec})`,
-      Sphere: `radius ${Number(m.sphere.radius.toPrecision(4))}`,
-      File: human(this.viewer.source.size),
+      source: this.byId('name').textContent,
+      state: this.settings.state,
+      structures: this.list.names?.length,
+      kind: p.kind,
+      voxels: p.dims?.join(' × '),
+      colours: p.transfer?.[0]?.Name,
+      shows: kProjections.includes(p.projection) ? t(p.projection) : undefined,
+      lattice: t('sides', m.entry_side << fine, m.exit_side << fine),
+      levels: m.levels + 1,
+      samples: `${m.format} (${m.codec})`,
+      sphere: t('radius', Number(m.sphere.radius.toPrecision(4))),
+      file: this.human(this.viewer.source.size),
     };
     this.byId('facts-list').replaceChildren(...Object.entries(facts)
       .filter(([, v]) => v !== undefined)
-      .flatMap(([k, v]) => [make('dt', {textContent: k}), make('dd', {textContent: v})]));
+      .flatMap(([k, v]) => [make('dt', {textContent: t(k)}), make('dd', {textContent: v})]));
     this.byId('facts').showModal();
   }
 
@@ -515,7 +520,7 @@ export class SlfField extends (globalThis.HTMLElement ?? Object) {
     byId('link').hidden = !this.whole;
     byId('link').onclick = () => {
       this.keepLink();
-      explain.copy(location.href, 'The link');
+      explain.copy(location.href, 'linkCopied');
     };
     const tap = (x, y) => {
       const found = viewer.pick(x, y);
@@ -617,7 +622,7 @@ export class SlfField extends (globalThis.HTMLElement ?? Object) {
     byId('tones').hidden = !viewer.field.radiance;
     byId('marks').checked = p.kind === 'volume';
     if (shape.levels < m.levels)
-      this.say(`Levels above ${shape.levels} of this field are too fine for the page.`);
+      this.say(this.t('tooFine', shape.levels));
   }
 }
 

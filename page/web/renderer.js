@@ -6,6 +6,7 @@ import {add} from './camera.js';
 import {kCutTextures} from './march.js';
 import {drawShader, feedbackShader, kCurves, kFade, kVertex} from './shader.js';
 import {kMaskScale, kTableBits, kTasks} from './shader.js';
+import {Told} from './text.js';
 
 const kUnits = ['uTables', 'uPages', 'uColor', 'uDepth', 'uKept', 'uPicture', 'uMask',
                 ...kCutTextures];  // of textures
@@ -49,8 +50,7 @@ export class Renderer {
     const gl = canvas.getContext('webgl2', {alpha: false, antialias: false, depth: false,
                                             preserveDrawingBuffer: true,
                                             powerPreference: 'high-performance'});
-    if (!gl) throw new Error('This browser has no WebGL 2. A current Chrome, Edge, Firefox or ' +
-                             'Safari has; it may be switched off in the settings.');
+    if (!gl) throw new Told('noWebGl');
     this.gl = gl;
     this.canvas = canvas;
     this.drawProgram = program(gl, drawShader(false));
@@ -141,7 +141,7 @@ export class Renderer {
     const width = 1 << this.bits, height = Math.ceil(samples / width);
     const maxSize = gl.getParameter(gl.MAX_TEXTURE_SIZE);
     if (width > maxSize || height > maxSize)
-      throw new Error('The tiles of this field are too large for this graphics card.');
+      throw new Told('largeTiles');
     const bytes = width * height * ((half ? 8 : 4) + (hasDepth ? 1 : 0));
     const layers = gl.getParameter(gl.MAX_ARRAY_TEXTURE_LAYERS);
     const tiles = Math.min(Math.max(64, Math.floor(budget / bytes)), 0x7000);

@@ -1,9 +1,10 @@
 // Where the bytes of a field come from: a host of static files, a file on this machine, or the page
 // itself.
 
+import {Told} from './text.js';
+
 const kStart = 8 << 10;          // bytes of the file's start that a reader needs: two pages
 const kFooter = 48;               // bytes of the footer of an index
-const kChanged = 'The field has changed on its host. Reload the page.';
 const kEnd = 64 << 10;           // bytes of its end, where an index may be
 const kSmallFile = 'style.css';  // of the page, on the same host as the field
 const kRetries = 4;               // of a request before the field is open; then there is no limit
@@ -35,11 +36,6 @@ const pause = (ms) => new Promise((done) => {
   setTimeout(done, ms);
   addEventListener('online', done, {once: true, signal: AbortSignal.timeout(ms)});
 });
-
-const kNoRanges = 'The host of this field does not serve parts of files (HTTP ranges). ';
-const kTooLarge = kNoRanges + 'Without them, a field of at most 64 MiB is fetched whole, and ' +
-                  'this one is larger. Use another host, slf view, or slf export --max-size.';
-const kCutShort = 'The host cut an answer short.';
 
 // A file on a host of static files, read by ranges. Without ranges, a small file is fetched whole.
 // With several hosts, a request that fails at one goes to the next, if that has the same file.
@@ -94,7 +90,7 @@ export class HttpSource {
       servesSeveral(this.small && this.beside ? kSmallFile : this.url),
       this.request(`0-${kStart - 1}`, {
         orWhole: true, came, retries: this.hosts.length > 1 ? 0 : kRetries})]);
-    if (start.parts.length === 0) throw new Error('The field is empty.');
+    if (start.parts.length === 0) throw new Told('empty');
     this.several = several && !start.whole;
     if (start.whole) {
       start.parts[0].total = start.have;
@@ -114,7 +110,7 @@ export class HttpSource {
     const ends = [[start, 0, Math.min(kStart, this.size)], [end, from, this.size]].map(
       ([answer, begin, end]) => {
         const bytes = answer.read(begin, end);
-        if (!bytes) throw new Error(kCutShort);
+        if (!bytes) throw new Told('cutShort');
         return {begin, bytes};
       });
     // Where no ETag tells versions apart, parts that change with the file do: the meta pages have
@@ -130,7 +126,7 @@ export class HttpSource {
   async compare({was, begin, end}) {
     const answer = await this.ask(asText([[begin, end]])).catch(() => {});
     if (answer?.read(begin, end)?.some((byte, i) => byte !== was[i]))
-      this.onError?.(new Error(kChanged));
+      this.onError?.(new Told('changed'));
   }
   // Asks another host from now on, after a request to `host` failed. Resolves to whether there is
   // one. Before the file is open, open() chooses.
@@ -170,8 +166,7 @@ export class HttpSource {
     const answer = await fetch(this.url, {method: 'HEAD', cache: 'no-store'}).catch(() => {});
     const length = Number(answer?.headers.get('Content-Length'));
     if (length > 0) return length;
-    throw new Error('The host does not tell how long the field is. It must show the header ' +
-                    'Content-Range (CORS: Access-Control-Expose-Headers).');
+    throw new Told('noLength');
   }
 
   // Starts to read ranges [begin, end), in any order, in few requests. Returns a promise of the
@@ -217,7 +212,7 @@ export class HttpSource {
     await Promise.all(ranges.map(async ([begin, end]) => {
       const within = absent.filter((want) => want.begin >= begin && want.end <= end);
       const answer = await this.ask(asText([[begin, end]]), (answer) => settle(within, answer));
-      if (within.some((want) => !want.came)) throw new Error(kCutShort);
+      if (within.some((want) => !want.came)) throw new Told('cutShort');
       if (within.length > 1) this.keep(answer);
     }));
   }
@@ -239,7 +234,7 @@ export class HttpSource {
   // each time that more of it has come.
   async ask(range, came) {
     const answer = await this.request(range, {came});
-    if (answer.parts.length === 0) throw new Error(kNoRanges + 'Reload the page.');
+    if (answer.parts.length === 0) throw new Told('noRanges');
     return answer;
   }
 
@@ -268,7 +263,7 @@ export class HttpSource {
         timer = setTimeout(() => stop.abort(), kSilent);
         return promise;
       };
-      const refuse = (text) => { throw refusal = new Error(text); };
+      const refuse = (...said) => { throw refusal = new Told(...said); };
       try {
         ++this.requests;
         this.times.push(performance.now());
@@ -280,14 +275,14 @@ export class HttpSource {
           const tag = headers.get('ETag') ?? headers.get('Last-Modified');
           if ((host.tag ??= tag) !== tag) {
             host.same = false;
-            refuse(kChanged);
+            refuse('changed');
           }
         }
         this.stores &&= !/no-store/i.test(headers.get('Cache-Control') ?? '');
         for (const reader = answer.taken ? response.body.getReader() : undefined; reader;) {
           if (answer.whole && Math.max(answer.have, answer.length || 0) > kMaxWhole) {
             stop.abort();
-            refuse(kTooLarge);
+            refuse('tooLarge');
           }
           const {value, done} = await awaited(reader.read());
           if (done) {
@@ -302,8 +297,8 @@ export class HttpSource {
         }
         stop.abort();  // else the whole file may come
         if (response.ok || status === 416) return answer;
-        wrong = status === 404 ? 'The field is not there (404).' : `The host answered ${status}.`;
-        if (status < 500 && status !== 429) refuse(wrong);
+        wrong = status === 404 ? ['notThere'] : ['answered', status];
+        if (status < 500 && status !== 429) refuse(...wrong);
         const after = headers.get('Retry-After') ?? '';  // seconds, or a date
         const resumes = /^\d+$/.test(after) ? Date.now() + 1000 * after : Date.parse(after);
         host.resumes = Math.max(host.resumes, resumes || 0);
@@ -317,23 +312,22 @@ export class HttpSource {
         this.signal?.removeEventListener('abort', end);
         clearTimeout(timer);
       }
-      if (attempt === retries) throw new Error(wrong);
+      if (attempt === retries) throw new Told(...wrong);
       if ((attempt + 1) % this.hosts.length && await this.leave(host)) continue;
       const waits = attempt > 0 || host.resumes > Date.now();
       if (waits && !this.waits) this.onWait?.(this.waits = true);
       await pause(this.lengthOfPause(attempt));
     }
   }
-  // Why there may be no answer; browsers do not tell.
+  // Why there may be no answer, as a text's name and values; browsers do not tell.
   silence() {
     const {protocol, host} = this.url;
-    if (this.beside) return 'The host does not answer.';
+    if (this.beside) return ['silent'];
     if (location.protocol === 'https:' && protocol === 'http:')
-      return `A page from https may not read a field from http (${host}).`;
-    return `${host} does not answer, or does not let this page read the field. It must send the ` +
-           `header Access-Control-Allow-Origin: ${globalThis.origin === 'null' ? '*' :
-             globalThis.origin} (CORS), because ` + (location.host === host ?
-             'the page is in a sandbox.' : 'the page is from another host.');
+      return ['insecure', host];
+    const {origin} = globalThis;
+    return ['noCors', host, origin === 'null' ? '*' : origin,
+            [location.host === host ? 'inSandbox' : 'otherHost']];
   }
 }
 

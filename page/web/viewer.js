@@ -453,7 +453,7 @@ export class Viewer {
     this.on.settled();
     const {camera, canvas: {width, height}} = this;
     this.cut.lightUp({camera, width, height}, current)
-      .catch((error) => this.on.say(error.message));
+      .catch((error) => this.on.say(this.on.told(error)));
     while (current()) await sleep(20);
   }
   // The pages that some rays need, of the view's level and of those that are shown before it. Asks

@@ -10,6 +10,7 @@ import hashlib
 import json
 import math
 import os
+import re
 import signal
 import struct
 import subprocess
@@ -2279,13 +2280,131 @@ globalThis.right = document.getElementById('a') instanceof SlfField;""")
             html = file.read()
         self.assertIn('<meta property="og:image" content="poster.jpg">', html)
         self.assertIn("<title>Sphere light field", html)  # and not the name of a file
-        self.assertLess(os.path.getsize(os.path.join(folder, "page.js")), 135000)
+        self.assertLess(os.path.getsize(os.path.join(folder, "page.js")), 149000)
         for name in ["poster.jpg", "poster-light.jpg"]:
             self.assertLessEqual(os.path.getsize(os.path.join(folder, name)), 40 << 10)
         policy = ("default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; worker-src blob:; "
                   "style-src 'self'; connect-src 'self'; img-src 'self' data:")
         with Host(folder, headers={"Content-Security-Policy": policy}) as host:
             self.assertEqual(self.outcome(host.url + "/index.html", "settled"), "")
+
+    # ---- languages ------------------------------------------------------------------------------
+
+    WEB = os.path.join(ROOT, "page", "web")
+
+    def scripts(self):
+        """The sources of the page without its texts, shaders and comments, by name."""
+        found = {}
+        for name in sorted(os.listdir(self.WEB)):
+            if name.endswith(".js") and name not in ("text.js", "shader.js", "march.js"):
+                with open(os.path.join(self.WEB, name)) as file:
+                    found[name] = re.sub(r"(^|\s)//.*|/\*.*?\*/", "", file.read())
+        return found
+
+    def texts(self):
+        if not shutil.which("node"):
+            self.skipTest("no node")
+        shutil.copy(os.path.join(self.WEB, "text.js"), path("text.mjs"))
+        return json.loads(subprocess.run(
+            ["node", "--input-type=module", "-e", f"import {{kTexts}} from '{path('text.mjs')}';"
+             "console.log(JSON.stringify(kTexts))"], check=True, capture_output=True).stdout)
+
+    def test_every_text_is_in_each_language_and_in_use(self):
+        texts, code = self.texts(), "".join(self.scripts().values())
+        for name, row in texts.items():
+            self.assertEqual([bool(one.strip()) for one in row], [True] * 3, name)
+            values = [sorted(re.findall(r"\{\d\}", one)) for one in row]
+            self.assertTrue(values[0] == values[1] == values[2], row)
+        used = re.findall(r"(?:\bt|Told|refuse)\('(\w+)'", code)
+        for name in set(used + re.findall(r"[^$]\{(\w+)\}", self.markup())):
+            self.assertIn(name, texts)
+        for name in texts:
+            self.assertRegex(code, rf"'{name}'|\{{{name}\}}|\b{name}:", name)
+
+    def markup(self):
+        return re.search(r"`(<div lang[^`]*)`", self.scripts()["look.js"])[1]
+
+    def test_no_text_stands_outside_the_table(self):
+        markup = re.sub(r"<[^>]*>|\{\w+\}|srgb|depth|bitri", " ", self.markup())
+        self.assertNotRegex(markup, r"\w{2}")
+        for value in re.findall(r'(?:aria-label|title|placeholder|alt)="([^"]*)"', self.markup()):
+            self.assertRegex(value, r"^(\{\w+\}|[A-Z]|)$")
+        for name, code in self.scripts().items():
+            if name == "module.js":  # messages of the module, as those of its C++, are English
+                continue
+            code = re.sub(r"(k\w*Style = |=> )`[^`]*`", "", code)  # styles and markup
+            for quoted, template in re.findall(r"'([^'\n]*)'|`([^`<]*)`", code):
+                text = quoted or re.sub(r"\$\{[^}]*\}", "", template)
+                self.assertNotRegex(text, r"\b[a-z]{2,} [a-z]{2,} [a-z]{2,}\b|[A-Z][a-z]+ [a-z]+\b",
+                                    name)
+
+    SAID = """(() => {
+      const all = [slf.root.getElementById('about').click()];
+      for (const it of slf.root.querySelectorAll('*')) {
+        for (const name of ['aria-label', 'title', 'placeholder'])
+          all.push(it.getAttribute(name));
+        for (const node of it.childNodes) if (node.nodeType === 3) all.push(node.data.trim());
+      }
+      return all.filter(Boolean);
+    })()"""
+
+    def test_a_page_speaks_the_language_of_the_browser(self):
+        def said(language, fragment):
+            page = self.browser.open("about:blank", 800, 600)
+            page.call("Emulation.setUserAgentOverride", userAgent="test", acceptLanguage=language)
+            page.call("Page.navigate", url=server.url + fragment)
+            page.settle()
+            found = page.run(self.SAID), page.run("document.documentElement.lang")
+            page.screenshot(path(f"language-{language}.png"))
+            page.close()
+            return found
+
+        texts = self.texts()
+        views = {"views": [{"title": "Foo", "orbit": [30, 20, 3]}]}
+        with self.explained(views, self.structured()) as server:
+            english = said("it,en", "")
+            self.assertEqual(english[1], "en")
+            for number, language in [(1, "de"), (2, "fr")]:
+                found, lang = said(f"it,{language}-CH,en", "")
+                self.assertEqual(lang, language)
+                for name in ["settings", "measure", "allOn", "about", "keys", "close", "lattice"]:
+                    self.assertIn(re.sub(r"\n *", " ", texts[name][number]), found)
+                # What is the same in both is the same in the table, or comes from the field.
+                same = {row[0] for row in texts.values() if row[0] == row[number]}
+                data = re.compile(r"[^a-z]*$|srgb|depth|bitri|Foo|volume|rgb|\d+:|structured|core|"
+                                  r".* lobe|skin|[A-Z]$|.*, H$|\d+ MiB|.* [KM]iB")
+                left = [one for one in set(found) & set(english[0]) - same if not data.match(one)]
+                self.assertEqual(left, [])
+
+    # ---- print ----------------------------------------------------------------------------------
+
+    def test_print_shows_the_picture_and_what_is_said_of_it(self):
+        words = {"about": {"title": "Balls", "description": "Three of them", "licence": "CC0"},
+                 "views": [{"title": "First", "text": "A caption", "orbit": [30, 20, 3]}],
+                 "notes": [{"label": "Note", "point": [0, 0, 0]}]}
+        with self.explained(words) as server:
+            page = self.browser.open(server.url, 800, 600)
+            page.settle()
+            page.call("Emulation.setEmulatedMedia", media="print", features=[])
+            page.call("Emulation.setDeviceMetricsOverride", width=600, height=850,
+                      deviceScaleFactor=1, mobile=False)
+            page.settle()
+            page.screenshot(path("print.png"))
+            shown = page.run("""[...slf.root.querySelector('[lang]').children].filter((it) =>
+                it.getBoundingClientRect().height > 1).map(({id}) => id).join()""")
+            self.assertEqual(shown, "picture,panel,views")
+            self.assertEqual(page.run("slf.root.getElementById('views').innerText.trim()"),
+                             "First\n\nA caption")
+            self.assertEqual(page.run("slf.canvas.clientWidth"), 600)
+            self.assertEqual(page.run("slf.canvas.clientWidth / slf.canvas.clientHeight"), 4 / 3)
+            self.assertIn("CC0", page.run("document.querySelector('[slot=about]').innerText"))
+            self.assertEqual(page.run("""[...slf.root.querySelectorAll('button, input, select')]
+                .filter((it) => it.offsetParent).length"""), 0)
+            pdf = base64.b64decode(page.call("Page.printToPDF", printBackground=False)["data"])
+            self.assertEqual(len(re.findall(rb"/Type\s*/Page\b", pdf)), 1)
+            with open(path("print.pdf"), "wb") as file:
+                file.write(pdf)
+            page.close()
 
     # ---- access ---------------------------------------------------------------------------------
 
