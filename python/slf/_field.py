@@ -322,7 +322,8 @@ class Field:
         given: dict[str, Any] = {"reveal": size, **settings}
         if window is not None:
             given["reveal_window"] = f"{float(window[0])!r},{float(window[1])!r}"
-        _slf.add_reveal(self._opened_with[0], recipe_of({"source": source, **given}, False, None, [], {}))
+        _slf.add_reveal(self._opened_with[0],
+                        recipe_of({"source": source, **given}, False, None, [], {}))
         self.close()
         self._open = _slf.Field(*self._opened_with)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import pathlib
 import tempfile
 from typing import Any
@@ -77,10 +78,8 @@ def _ply(folder: pathlib.Path, points: Any, faces: Any, colors: Any, tints: Any,
 
 def _count(faces: np.ndarray) -> int:
     """How many faces there are in a list of corners that follow their number."""
-    size = int(faces[0]) + 1
-    if len(faces) % size == 0 and (faces[::size] == size - 1).all():
-        return len(faces) // size
-    at = count = 0
-    while at < len(faces):
-        at, count = at + 1 + int(faces[at]), count + 1
+    numbers, count = iter(faces.tolist()), 0
+    while corners := next(numbers, 0):
+        tuple(itertools.islice(numbers, corners))
+        count += 1
     return count

@@ -7,7 +7,6 @@ ipywidgets take views as AMD modules only, which each front end must have instal
 
 from __future__ import annotations
 
-import base64
 import contextlib
 import html
 import math
@@ -20,6 +19,7 @@ import traitlets  # type: ignore[import]
 
 from . import _slf
 from ._errors import Error
+from ._notebook import _png
 from ._types import Camera, Orbit, PickedPoint, point
 
 if TYPE_CHECKING:
@@ -83,9 +83,9 @@ def _camera(view: str, field: Field) -> Any:
     return camera._replace(eye=point([*(camera.eye + at)]), look_at=point([*(camera.look_at + at)]))
 
 
-def _synced(trait: Any, to_json: Any = None, from_json: Any = None) -> Any:
-    return trait.tag(sync=True, to_json=to_json or (lambda value, widget: value),
-                     from_json=from_json or (lambda value, widget: value))
+def _synced(trait: Any, to_json: Any = lambda value, widget: value,
+            from_json: Any = lambda value, widget: value) -> Any:
+    return trait.tag(sync=True, to_json=to_json, from_json=from_json)
 
 
 class _Comms(traitlets.HasTraits):  # type: ignore[misc]
@@ -142,7 +142,8 @@ class _Comms(traitlets.HasTraits):  # type: ignore[misc]
         return {"text/plain": repr(self), "text/html":
                 f"<div id='{self._id}' style='position:relative;height:{self.height}px;"
                 f"background:#000;text-align:center'>{self._poster()}"
-                "<div style='position:absolute;inset:0'></div></div>"
+                "<div style='position:absolute;inset:0'></div></div><p>If this is only a picture, "
+                "run the cell again. JupyterLab and its like need anywidget to turn it.</p>"
                 f"<script>{_CONNECT % self._id}</script>"}
 
 
@@ -205,10 +206,8 @@ class Widget(_Base):  # type: ignore[misc]
         self.send(answer, [data])
 
     def _poster(self) -> str:
-        shown: Any = {"structures": self.structures} if self.structures else {
-            "state": self.state or None}
-        picture = self._field.thumbnail(480, camera=self.camera, **shown)
-        data = base64.b64encode(_slf.png(picture / 255)).decode()
+        data = _png(self._field, 480, camera=self.camera, structures=self.structures or None,
+                    state=None if self.structures else self.state or None)
         return (f"<img alt='{html.escape(self._field.path)}' style='height:{self.height}px' "
                 f"src='data:image/png;base64,{data}'>")
 
