@@ -26,11 +26,11 @@ if TYPE_CHECKING:
     from ._field import Field
 
 # Gives the element's model of anywidget a comm of the kernel, once there is one.
-_CONNECT = """((box, notebook) => {
+_CONNECT = """((box, target, notebook) => {
   const begin = () => {
     const state = {}, changed = {}, heard = {};
     const tell = (name, ...news) => (heard[name] ?? []).forEach((hear) => hear(...news));
-    const comm = notebook.kernel.comm_manager.new_comm(box.id, {});
+    const comm = notebook.kernel.comm_manager.new_comm(target, {});
     const model = {
       on: (name, hear) => (heard[name] ??= []).push(hear),
       get: (name) => state[name],
@@ -54,7 +54,7 @@ _CONNECT = """((box, notebook) => {
   };
   if (notebook?.kernel?.is_connected()) begin();
   else notebook?.events.one('kernel_ready.Kernel', begin);
-})(document.getElementById('%s'), globalThis.Jupyter?.notebook)"""
+})(document.getElementById('%s'), '%s', globalThis.Jupyter?.notebook)"""
 
 
 def _text(numbers: Any) -> str:
@@ -139,12 +139,13 @@ class _Comms(traitlets.HasTraits):  # type: ignore[misc]
             self._comms.pop().close()
 
     def _repr_mimebundle_(self, **_: Any) -> Any:
+        box = f"slf-{uuid.uuid4().hex}"  # it may be shown again
         return {"text/plain": repr(self), "text/html":
-                f"<div id='{self._id}' style='position:relative;height:{self.height}px;"
+                f"<div id='{box}' style='position:relative;height:{self.height}px;"
                 f"background:#000;text-align:center'>{self._poster()}"
                 "<div style='position:absolute;inset:0'></div></div><p>If this is only a picture, "
                 "run the cell again. JupyterLab and its like need anywidget to turn it.</p>"
-                f"<script>{_CONNECT % self._id}</script>"}
+                f"<script>{_CONNECT % (box, self._id)}</script>"}
 
 
 _Base: Any = _Comms

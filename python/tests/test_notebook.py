@@ -203,6 +203,7 @@ def test_a_widget_answers_what_its_page_asks(balls, balls_path, monkeypatch, ins
         pytest.skip(str(error))
     bundle = widget._repr_mimebundle_()
     data = bundle[0] if installed else bundle
+    assert installed or widget._repr_mimebundle_() != bundle  # elements of a page have own ids
     assert "<img " in data["text/html"] and repr(balls_path)[11:-2] in data["text/html"]
     assert ("application/vnd.jupyter.widget-view+json" in data) == installed
     state = {name: widget.trait_metadata(name, "to_json")(getattr(widget, name), widget)
