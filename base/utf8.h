@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 #include <string>
 #include <string_view>
 
@@ -21,6 +22,42 @@ namespace slf {
   const bool bad = (two >= 0xE080 && two < 0xE0A0) || (two >= 0xEDA0 && two < 0xEE80) ||
                    (two >= 0xF080 && two < 0xF090) || two >= 0xF490;
   return bad ? 0 : length;
+}
+
+/// Appends a code point.
+inline void append_utf8(std::uint32_t code, std::string& text) {
+  const auto tail = [&](unsigned shift) { return static_cast<char>(0x80 | (code >> shift & 63)); };
+  if (code < 0x80)
+    text += static_cast<char>(code);
+  else if (code < 0x800)
+    text += {static_cast<char>(0xC0 | code >> 6), tail(0)};
+  else if (code < 0x10000)
+    text += {static_cast<char>(0xE0 | code >> 12), tail(6), tail(0)};
+  else
+    text += {static_cast<char>(0xF0 | code >> 18), tail(12), tail(6), tail(0)};
+}
+
+/// A file of text without its byte-order mark: UTF-16, if the mark says so, UTF-8, or else Latin-1.
+/// What is not UTF-8 is converted into `made`, which must live as long as the result.
+inline std::string_view as_utf8(std::string_view bytes, std::string& made) {
+  const bool big = bytes.starts_with("\xFE\xFF"), wide = big || bytes.starts_with("\xFF\xFE");
+  if (bytes.starts_with("\xEF\xBB\xBF")) bytes.remove_prefix(3);
+  std::string_view rest = bytes;
+  for (std::size_t n = 1; n > 0 && !rest.empty(); rest.remove_prefix(n)) n = utf8_length(rest);
+  if (rest.empty()) return bytes;
+  const auto byte = [&](std::size_t k) { return static_cast<unsigned char>(bytes[k]); };
+  const auto unit = [&](std::size_t k) -> std::uint32_t {
+    return k + 1 < bytes.size() ? byte(k + (big ? 0 : 1)) << 8U | byte(k + (big ? 1 : 0)) : 0;
+  };
+  for (std::size_t k = wide ? 2 : 0; k < bytes.size(); k += wide ? 2 : 1) {
+    std::uint32_t code = wide ? unit(k) : byte(k);
+    if (wide && code >> 10 == 0x36 && unit(k + 2) >> 10 == 0x37) {
+      code = 0x10000 + ((code & 1023U) << 10U | (unit(k + 2) & 1023U));
+      k += 2;
+    }
+    append_utf8(code, made);
+  }
+  return made;
 }
 
 /// Control characters: C0 except line feeds and tabs, DEL, and C1.

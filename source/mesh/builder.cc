@@ -242,6 +242,8 @@ Result<Mesh> MeshBuilder::finish() {
     if (!std::isfinite(q.x + q.y + q.z))
       return error(ErrorCode::unsupported, "coordinates are too large; use larger units");
   }
+  if (mesh_.uvs.empty() && !mesh_.textures.empty())
+    note("its textures are not used: it has no texture coordinates");
   if (left_out_) note("points and lines were left out");
   return std::move(mesh_);
 }

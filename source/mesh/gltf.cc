@@ -8,6 +8,7 @@
 
 #include "base/base64.h"
 #include "base/try.h"
+#include "base/utf8.h"
 #include "source/mesh/builder.h"
 #include "source/mesh/compact_json.h"
 #include "source/volume/fields.h"
@@ -90,7 +91,7 @@ class GltfReader {
     for (const JsonValue& name : root_["extensionsRequired"].items())
       if (!is_read(name.text())) return not_read(name.text());
     for (const JsonValue& name : root_["extensionsUsed"].items())
-      if (!is_read(name.text()))
+      if (!is_read(name.text()) || name.text() == "KHR_materials_transmission")
         to_.note("the glTF extension " + std::string(name.text()) + " is not read");
     for (const auto& [list, name] : {std::pair{&buffers_, "buffers"},
                                      {&views_, "bufferViews"},
@@ -167,7 +168,8 @@ class GltfReader {
       return to_.error(ErrorCode::unsupported, "has ", json.size(),
                        " bytes of JSON; glTF files with up to ", kMaxJson,
                        " are read; export it as .glb");
-    std::string_view json_text = chars_of(json);
+    std::string made;
+    std::string_view json_text = as_utf8(chars_of(json), made);
     json_text = json_text.substr(0, json_text.find_last_not_of('\0') + 1);
     json_ = CompactJson::parse(json_text);
     if (!json_) return wrong("its JSON is damaged or truncated");
@@ -327,10 +329,10 @@ class GltfReader {
       if (from["extensions"]["KHR_materials_unlit"])
         to_.note("materials without light are lit like others, unless shading is off");
       const std::string_view mode = from["alphaMode"].text();
-      to.opacity = mode == "MASK"    ? MeshOpacity::cutout
-                   : mode == "BLEND" ? MeshOpacity::blend
-                                     : MeshOpacity::opaque;
       to.cutoff = static_cast<float>(from["alphaCutoff"].number().value_or(0.5));
+      to.opacity = mode == "MASK" && to.cutoff > 0 ? MeshOpacity::cutout
+                   : mode == "BLEND"               ? MeshOpacity::blend
+                                                   : MeshOpacity::opaque;
       if (texture) {
         to_.at("material '" + to.name + "': ");
         SLF_TRY(add_texture(texture, to, paint));

@@ -7,6 +7,7 @@
 
 #include "base/ascii.h"
 #include "base/try.h"
+#include "base/utf8.h"
 #include "slf/tone.h"
 #include "source/mesh/builder.h"
 #include "source/mesh/surface.h"
@@ -29,20 +30,14 @@ class Lines {
   explicit Lines(std::string_view text) : text_(text) {}
   bool next() {
     if (text_.empty()) return false;
-    line_ = next_line(text_);
-    ++number_;
-    if (line_.ends_with('\\') && !text_.empty()) {
-      joined_.clear();
-      while (line_.ends_with('\\') && !text_.empty()) {
-        joined_ += line_.substr(0, line_.size() - 1);
-        joined_ += ' ';
-        line_ = next_line(text_);
-        ++number_;
-      }
-      joined_ += line_;
-      line_ = joined_;
+    joined_.clear();
+    for (bool more = true; more;) {
+      line_ = trim(next_line(text_));
+      ++number_;
+      more = line_.ends_with('\\') && !line_.starts_with('#') && !text_.empty();
+      if (more) joined_.append(line_.substr(0, line_.size() - 1)).append(" ");
     }
-    line_ = trim(line_);
+    if (!joined_.empty()) line_ = joined_.append(line_);
     return true;
   }
   [[nodiscard]] std::string_view line() const { return line_; }
@@ -53,6 +48,11 @@ class Lines {
   std::string joined_;
   std::size_t number_ = 0;
 };
+
+std::string_view without_quotes(std::string_view text) {
+  const bool quoted = text.size() > 1 && text.starts_with('"') && text.ends_with('"');
+  return quoted ? text.substr(1, text.size() - 2) : text;
+}
 
 std::string_view without_comment(std::string_view text) { return text.substr(0, text.find('#')); }
 
@@ -92,9 +92,7 @@ Map map_of(std::string_view text) {
     }
     text = trim(rest);
   }
-  if (text.size() > 1 && text.starts_with('"') && text.ends_with('"'))
-    text = text.substr(1, text.size() - 2);
-  map.file = text;
+  map.file = without_quotes(text);
   return map;
 }
 
@@ -121,8 +119,7 @@ struct Material {
 
 class ObjReader {
  public:
-  ObjReader(ByteSpan bytes, MeshBuilder& to)
-      : text_(without_byte_order_mark(chars_of(bytes))), to_(to) {}
+  ObjReader(ByteSpan bytes, MeshBuilder& to) : text_(as_utf8(chars_of(bytes), made_)), to_(to) {}
 
   Result<void> read() {
     SLF_TRY(read_vertices());
@@ -160,7 +157,7 @@ class ObjReader {
       std::string_view rest = lines.line();
       const std::string_view word = next_word(rest);
       if (word == "mtllib") {
-        SLF_TRY(read_library(std::string(trim(rest))));
+        SLF_TRY(read_library(std::string(without_quotes(trim(rest)))));
       } else if (word == "v" || word == "vt" || word == "vn") {
         std::array<double, 7> numbers{};
         std::size_t count = 0;
@@ -173,21 +170,33 @@ class ObjReader {
         if (word == "v") {
           if (count < 3) return wrong(lines, "a vertex needs three numbers");
           positions_.emplace_back(numbers[0], numbers[1], numbers[2]);
-          // x y z r g b, or x y z w r g b.
+          // x y z r g b, perhaps with an alpha, or x y z w r g b.
           if (count >= 6) {
-            const std::size_t c = count == 7 ? 4 : 3;
-            colors_.resize(positions_.size() - 1, glm::vec3(kNoColor));
-            colors_.emplace_back(float_at(c), float_at(c + 1), float_at(c + 2));
-            for (int k = 0; k < 3; ++k) most_ = std::max(most_, colors_.back()[k]);
+            colors_.resize(positions_.size() - 1, glm::vec4(kNoColor));
+            colors_.emplace_back(float_at(3), float_at(4), float_at(5),
+                                 count == 7 ? float_at(6) : kNoColor);
           }
         } else if (word == "vt") {
           uvs_.emplace_back(float_at(0), float_at(1));
         } else {
           normals_.emplace_back(float_at(0), float_at(1), float_at(2));
         }
+      } else if (word == "#MRGB") {  // ZBrush: a mask and a colour in hexadecimal, vertex by vertex
+        for (rest = trim(rest); rest.size() >= 8; rest.remove_prefix(8)) {
+          const auto bits = slf::parse_number<std::uint32_t>(rest.substr(0, 8), 16).value_or(~0U);
+          painted_.emplace_back(bits >> 16U & 255U, bits >> 8U & 255U, bits & 255U, 255);
+        }
       }
     }
-    if (!colors_.empty()) colors_.resize(positions_.size(), glm::vec3(kNoColor));
+    const auto all = [&](int channel) {
+      return std::ranges::all_of(colors_, [&](const auto& c) { return c[channel] == 1; });
+    };
+    if (all(0) && !all(3))
+      for (glm::vec4& c : colors_)
+        if (c.a != kNoColor) c = {c.y, c.z, c.w, 1};
+    if (colors_.empty()) colors_ = std::move(painted_);
+    for (const glm::vec4& c : colors_) most_ = std::max({most_, c.x, c.y, c.z});
+    if (!colors_.empty()) colors_.resize(positions_.size(), glm::vec4(kNoColor));
     most_ = static_cast<float>(color_scale(most_));
     heads_.assign(positions_.size(), kNone);
     return {};
@@ -211,7 +220,8 @@ class ObjReader {
     const std::string folder =
         fs::path(file).parent_path().lexically_relative(fs::path(to_.path()).parent_path());
     Material* to = nullptr;
-    for (Lines lines(without_byte_order_mark(chars_of(bytes))); lines.next();) {
+    std::string made;
+    for (Lines lines(as_utf8(chars_of(bytes), made)); lines.next();) {
       std::string_view rest = lines.line();
       const std::string word = lower_case(next_word(rest));
       if (word == "newmtl") {
@@ -238,6 +248,8 @@ class ObjReader {
           const auto value = parse_number(next_word(words));
           color[c] = value ? static_cast<float>(*value) : c > 0 ? color[c - 1] : 1.f;
         }
+        if (std::max({color.x, color.y, color.z}) > 1)
+          to_.note("a colour of its materials is above 1: cut to 1");
         (word == "kd" ? to->color : to->emission) = color;
       } else if (word == "d") {
         to->dissolve = number();
@@ -317,6 +329,9 @@ class ObjReader {
         ++before[2];
       } else if (word == "usemtl") {
         const auto known = names_.find(std::string(trim(rest)));
+        if (known == names_.end() && !trim(rest).empty())
+          to_.note("its material '" + std::string(trim(rest)) +
+                   "' is in none of its material files");
         material = known == names_.end() ? none : known->second;
       } else if (word == "l" || word == "p") {
         to_.leave_out();
@@ -369,7 +384,7 @@ class ObjReader {
     }
     if (corner[2] != kNone) vertex.normal = normals_[corner[2]];
     if (!colors_.empty() && colors_[corner[0]].x != kNoColor)
-      vertex.color = color_bytes(glm::vec4(colors_[corner[0]] / most_, 1), false);
+      vertex.color = color_bytes(glm::vec4(glm::vec3(colors_[corner[0]]) / most_, 1), false);
     at = to_.add(vertex);
     if (to_.full()) return 0;
     owns_.push_back(own);
@@ -388,14 +403,15 @@ class ObjReader {
     }
   }
 
+  std::string made_;
   const std::string_view text_;
   MeshBuilder& to_;
   std::vector<glm::dvec3> positions_;
   std::vector<glm::vec2> uvs_;
   std::vector<glm::vec3> normals_;
   static constexpr float kNoColor = -1;
-  std::vector<glm::vec3> colors_;  // kNoColor: none
-  float most_ = 0;                 // that they run to
+  std::vector<glm::vec4> colors_, painted_;  // kNoColor: none
+  float most_ = 0;                           // that they run to
   std::set<std::string> libraries_;
   std::map<std::string, std::uint32_t> names_;  // of materials
   std::vector<Material> materials_;

@@ -71,6 +71,9 @@ class PlyReader {
     bool mapped = points->find({"s", "u", "texture_u"}) >= 0;
     SLF_TRY(read_wedges());
     for (const Element& e : elements_) {
+      const bool known = e.name == "vertex" || e.name == "face" || e.name == "tristrips" ||
+                         e.name.starts_with("multi_texture_");
+      if (!known && e.count > 0) to_.note("its elements '" + e.name + "' are not read");
       const bool own = e.name == "face" && (e.find({"texcoord"}) >= 0 || !wedges_.empty());
       mapped = mapped || own;
       faces_own_ = faces_own_ || own || (e.name == "face" && find_color(e)[0] >= 0);
@@ -78,6 +81,9 @@ class PlyReader {
     SLF_TRY(read_materials(mapped));
     for (const Element& element : elements_) SLF_TRY(read_element(element));
     Mesh& mesh = to_.mesh();
+    const auto plain = static_cast<std::uint32_t>(mesh.materials.size() - 1);
+    if (plain > 0 && std::ranges::find(mesh.material_of, plain) == mesh.material_of.end())
+      mesh.materials.pop_back();
     for (MeshMaterial& m : mesh.materials)
       if (mesh.textures.empty() && mesh.colors.empty())
         m.color = glm::vec4(glm::vec3(kPlainColor), 1);
@@ -123,7 +129,7 @@ class PlyReader {
         }
         const auto own = parse_scalar_type(type);
         if (!own || elements_.empty()) return malformed();
-        elements_.back().properties.push_back({std::string(next_word(words)), *own, length});
+        elements_.back().properties.push_back({lower_case(next_word(words)), *own, length});
       } else if (word == "end_header") {
         return known ? Result<void>() : to_.wrong("PLY: its header has no format");
       } else if (number > 0 && !word.empty() && word != "obj_info") {
@@ -149,7 +155,10 @@ class PlyReader {
     if (!textures_.empty() && !mapped)
       to_.note("its texture " + textures_.front() +
                " is not used: neither vertices nor faces have texture coordinates");
-    if (textures_.empty() || !mapped) textures_.assign(1, "");
+    if (textures_.empty() && mapped)
+      to_.note("it has texture coordinates, but no comment 'TextureFile' that names a texture");
+    if (!mapped) textures_.clear();
+    textures_.emplace_back();  // of faces without one
     for (const std::string& name : textures_) {
       MeshMaterial to;
       if (!name.empty()) to.texture = SLF_TRY(to_.texture(name));
@@ -305,9 +314,12 @@ class PlyReader {
       } else if (face) {
         const Wedges* wedges = k < wedges_.size() ? &wedges_[k] : nullptr;
         const double number = wedges ? wedges->texture : value(texture);
-        const bool known = number >= 0 && number < static_cast<double>(textures_.size());
+        const double last = static_cast<double>(textures_.size()) - 1;
+        const bool known = number >= 0 && number < last;
+        if (number >= std::max(last, 1.0))
+          to_.note(concat("a face has texture ", number, " of ", last, ", counted from 0"));
         SLF_TRY(add_face(k, row.list(indices), wedges ? wedges->uvs : row.list(coordinates),
-                         color_of(row), known ? static_cast<std::uint32_t>(number) : 0));
+                         color_of(row), static_cast<std::uint32_t>(known ? number : last)));
       } else if (strips) {
         SLF_TRY(add_strips(row.list(indices)));
       }
@@ -336,6 +348,7 @@ class PlyReader {
       }
       MeshVertex vertex = vertices_[at];
       if (color && !colored_) vertex.color = color;
+      if (color && colored_) to_.note("colours of faces are left out: vertices have others");
       if (!uvs.empty()) vertex.uv = glm::vec2(uvs[2 * k], 1 - uvs[2 * k + 1]);
       corners_.push_back(to_.add(vertex));
     }

@@ -16,7 +16,9 @@ constexpr std::size_t kHeader = 84, kFacet = 50;
 /// Many programs begin binary files with "solid", too. Text has no zeros.
 bool is_text(std::string_view bytes) {
   const std::string_view start = trim(without_byte_order_mark(bytes.substr(0, 4096)));
-  return lower_case(start.substr(0, 5)) == "solid" && start.find('\0') == start.npos;
+  const std::string small = lower_case(start);
+  return start.find('\0') == start.npos &&
+         (small.starts_with("solid") || small.find("facet") != small.npos);
 }
 
 Result<void> read_text(std::string_view text, MeshBuilder& to) {
@@ -49,8 +51,14 @@ Result<void> read_text(std::string_view text, MeshBuilder& to) {
 
 Result<void> read_binary(ByteSpan bytes, MeshBuilder& to) {
   if (bytes.size() < kHeader) return to.wrong("STL: truncated in its header");
-  const std::uint64_t count = load_le<std::uint32_t>(&bytes[kHeader - 4]);
-  if ((bytes.size() - kHeader) / kFacet < count)
+  const std::uint64_t stated = load_le<std::uint32_t>(&bytes[kHeader - 4]),
+                      there = (bytes.size() - kHeader) / kFacet;
+  // Programs that cannot seek do not know it yet when they write it.
+  const bool unset = stated == 0 || stated == 0xffffffff;
+  const std::uint64_t count = unset ? there : stated;
+  if (there > count)
+    to.note(concat("has bytes of ", there - count, " more triangles than it says, left out"));
+  if (there < count)
     return to.wrong("STL: says ", count, " triangles, which need ", kHeader + kFacet * count,
                     " bytes, but it has ", bytes.size(), ": truncated; copy it again");
   // Colours have 5 bits. With Magics' header bit 15 stands for the colour of the whole part, as do

@@ -6,6 +6,7 @@
 #include <numbers>
 
 #include "base/try.h"
+#include "base/utf8.h"
 #include "source/pictures/cameras.h"
 
 namespace slf::cameras {
@@ -124,7 +125,7 @@ class Reader {
           return side / 2.0 / std::tan(*degrees * std::numbers::pi / 360);
         if (const auto f = number_in(*from, ("fl_" + axis).c_str())) return f;
         if (const auto a = number_in(*from, ("camera_angle_" + axis).c_str()))
-          return side / 2.0 / std::tan(*a / 2);
+          return *a < std::numbers::pi ? side / 2.0 / std::tan(*a / 2) : 0;
       }
       return std::nullopt;
     };
@@ -138,7 +139,8 @@ class Reader {
     lens.cy = number(frame, "cy").value_or(lens.height / 2.0);
     for (const double f : {lens.fx, lens.fy})
       if (!(f > 0 && f < kMaxNumber))
-        return bad_file(place, "a focal length of ", f, " pixels; expected a number above 0");
+        return bad_file(place, "a focal length of ", f,
+                        " pixels; expected a number above 0, and an angle in radians");
     std::string model = text_in(frame, "camera_model");
     if (model.empty()) model = text_in(root_, "camera_model");
     const auto flag = [](const Json& json) {
@@ -171,7 +173,8 @@ class Reader {
 
 Result<PictureSet> parse_transforms(std::string_view text, const std::string& name,
                                     const std::string& folder) {
-  const Json root = Json::parse(text, nullptr, false);
+  std::string made;
+  const Json root = Json::parse(as_utf8(text, made), nullptr, false);
   if (!root.is_object() || !root.contains("frames") || !root["frames"].is_array())
     return bad_file(name, "expected JSON with an array \"frames\", as in transforms.json");
   const Json& frames = root["frames"];

@@ -6,6 +6,7 @@
 
 #include "base/file.h"
 #include "base/try.h"
+#include "base/utf8.h"
 #include "slf/volume_parts.h"
 #include "source/volume/io.h"
 
@@ -32,7 +33,7 @@ std::optional<double> number(std::string_view word, double max) {
 }
 
 std::optional<std::int64_t> parse_id(std::string_view word) {
-  constexpr double kMaxId = 1e9;
+  constexpr double kMaxId = 0x1p53;
   const auto value = volume_io::parse_number(word);
   if (!value || !(std::abs(*value) <= kMaxId) || *value != std::floor(*value)) return std::nullopt;
   return static_cast<std::int64_t>(*value);
@@ -288,7 +289,8 @@ Result<LabelTable> parse_json(std::string_view text, const std::string& source) 
 }  // namespace
 
 Result<LabelTable> parse_label_table(const std::string& bytes, const std::string& source) try {
-  const std::string_view text = without_byte_order_mark(bytes);
+  std::string made;
+  const std::string_view text = as_utf8(bytes, made);
   if (trim(text).starts_with('{')) return parse_json(text, source);
   if (const auto separator = csv_separator(text)) return parse_csv(text, *separator, source);
   return parse_lines(text, source);

@@ -3,6 +3,7 @@
 #include <filesystem>
 
 #include "base/try.h"
+#include "base/utf8.h"
 #include "source/transfer/transfer_formats.h"
 #include "source/volume/io.h"
 
@@ -35,11 +36,17 @@ std::string some_names(std::span<const TransferPreset> presets, const std::strin
 
 Result<std::vector<TransferPreset>> parse_transfers(const std::string& bytes,
                                                     const std::string& source) try {
-  const std::string_view text = without_byte_order_mark(bytes);
+  std::string made;
+  const std::string_view text = as_utf8(bytes, made);
   auto presets = looks_like_clut(text)  ? parse_clut(text, source)
-                 : looks_like_xml(text) ? parse_xml(text, source)
+                 : looks_like_xml(text) ? parse_xml(bytes, source)  // which knows its encoding
                  : looks_like_vp(text)  ? parse_vp(text, source)
-                                        : parse_json(std::string(text), source);
+                 : trim(text).find_first_of("[{") == 0
+                     ? parse_json(std::string(text), source)
+                     : Presets(bad_file(source,
+                                        "expected a transfer function of ParaView (JSON, XML), 3D "
+                                        "Slicer (.vp) or MRIcroGL (.clut), found ",
+                                        in_quotes(trim(text))));
   if (presets)
     for (auto& preset : *presets)
       if (preset.function.name.empty())

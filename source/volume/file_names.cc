@@ -3,6 +3,7 @@
 #include <cctype>
 #include <filesystem>
 
+#include "base/file_finder.h"
 #include "base/try.h"
 #include "source/volume/io.h"
 
@@ -17,6 +18,15 @@ std::string beside(const std::string& header, std::string_view name) {
   const std::filesystem::path path(name);
   if (path.is_absolute()) return path.string();
   return (std::filesystem::path(header).parent_path() / path).lexically_normal().string();
+}
+
+std::vector<std::string> TextHeader::locate(std::vector<std::string> names,
+                                            std::vector<std::string>& notes) const {
+  FileFinder finder(std::filesystem::path(path).parent_path());
+  for (std::string& name : names) name = finder.find(name).value_or(beside(path, name));
+  if (finder.moved() > 0)
+    notes.push_back("its data are not where it says, but in " + names.front());
+  return names;
 }
 
 Result<std::vector<std::string>> numbered_files(const std::string& header, std::string_view pattern,
@@ -43,8 +53,8 @@ Result<std::vector<std::string>> numbered_files(const std::string& header, std::
   for (std::int64_t number = first; step > 0 ? number <= last : number >= last; number += step) {
     std::string digits = std::to_string(number);
     if (digits.size() < width) digits.insert(0, width - digits.size(), zeros ? '0' : ' ');
-    files.push_back(beside(header, std::string(pattern.substr(0, percent)) + digits +
-                                       std::string(pattern.substr(end + 1))));
+    files.push_back(std::string(pattern.substr(0, percent)) + digits +
+                    std::string(pattern.substr(end + 1)));
   }
   return files;
 }

@@ -65,6 +65,7 @@ constexpr auto kOnePicture =
 constexpr auto kFilm = "save its frames as PNGs in a folder, `ffmpeg -i IN FOLDER/%04d.png`"sv;
 constexpr auto kOtherMesh = "convert it to PLY, OBJ or glTF, e.g. with MeshLab or Blender"sv;
 constexpr auto kSolid = "convert it to STL or glTF, e.g. with FreeCAD"sv;
+constexpr auto kPoints = "points have no surface; make a mesh of them, e.g. with MeshLab"sv;
 constexpr auto kRig =
     "export its cameras for COLMAP or as transforms.json (nerfstudio's ns-process-data)"sv;
 constexpr auto kMesh = "a mesh has surfaces and no voxels; give the volume that it was made from"sv;
@@ -121,6 +122,18 @@ constexpr Magic kMagics[] = {
     {0, "DRACO", "a Draco mesh", kOtherMesh},
     {0, "Ogawa", "an Alembic scene", kOtherMesh},
     {0, "ISO-10303-21", "a STEP model", kSolid},
+    {0, "3D Geometry File Format", "a Rhino model", kSolid},
+    {0, "  0\nSECTION", "a DXF drawing", kSolid},
+    {0, "  0\r\nSECTION", "a DXF drawing", kSolid},
+    {0, "#Inventor", "an Open Inventor scene", kOtherMesh},
+    {0, "$MeshFormat", "a Gmsh mesh", kOtherMesh},
+    {0, "MeshVersionFormatted", "a Medit mesh", kOtherMesh},
+    {0, "# .PCD", "a PCD point cloud", kPoints},
+    {0, "LASF", "a LAS point cloud", kPoints},
+    {0, "ASTM-E57", "an E57 point cloud", kPoints},
+    {0, "VOX ", "a MagicaVoxel model", "export it as PLY or OBJ in MagicaVoxel"},
+    {0, "CTDATA-HEADER", "a Scanco ISQ volume", "convert it to DICOM or MetaImage, e.g. with ITK"},
+    {0, "NVM_V3", "a file of cameras of VisualSFM", kRig},
     {0, "# Bundle file", "a file of cameras of Bundler", kRig},
     {0, "GIF8", "a GIF picture", kOnePicture},
     {8, "WEBP", "a WebP picture", kOnePicture},
@@ -175,6 +188,8 @@ constexpr Text kTexts[] = {
     {"", "", ".spz", {"Gaussian splats", "they have no surface; make a mesh of the pictures"}},
     {"{", "\"sfm_data_version\"", "", {"a file of cameras of OpenMVG", kRig}},
     {"{", "\"featuresfolders\"", "", {"a file of cameras of Meshroom", kRig}},
+    {"[", "\"shots\"", "", {"a file of cameras of OpenSfM", kRig}},
+    {"[", "\"img_name\"", "", {"a file of cameras of Gaussian splats", kRig}},
     {"{", "\"poseid\"", "", {"a file of cameras of Meshroom", kRig}},
     {"{", "", ".sfm", {"a file of cameras of Meshroom", kRig}},
     {"<", "<document", "", {"a file of cameras of Metashape", kRig}},

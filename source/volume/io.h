@@ -157,9 +157,9 @@ using slf::trim;
   constexpr std::int64_t kMost = 1 << 30;
   return number >= -kMost && number <= kMost;
 }
-/// The paths of numbered data files beside a header: `pattern` has one %d, or with a width %03d,
-/// for the numbers from `first` to `last` in steps. bad_file: another pattern, or numbers that are
-/// no range.
+/// The names of numbered data files of a header: `pattern` has one %d, or with a width %03d, for
+/// the numbers from `first` to `last` in steps. bad_file: another pattern, or numbers that are no
+/// range.
 [[nodiscard]] Result<std::vector<std::string>> numbered_files(const std::string& header,
                                                               std::string_view pattern,
                                                               std::int64_t first, std::int64_t last,
@@ -205,6 +205,10 @@ struct TextHeader {
   /// So many extents. Required.
   [[nodiscard]] Result<std::vector<std::uint64_t>> sizes(std::string_view field,
                                                          std::size_t count) const;
+  /// The paths of data files that it names, as FileFinder finds them; a note says if they were
+  /// moved. Those that are nowhere are as stated.
+  [[nodiscard]] std::vector<std::string> locate(std::vector<std::string> names,
+                                                std::vector<std::string>& notes) const;
   /// A file of voxels can be read. Errors as file_size().
   [[nodiscard]] Result<void> check_data_file(const std::string& file) const;
 };

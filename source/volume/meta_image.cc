@@ -7,6 +7,7 @@
 
 #include "base/try.h"
 #include "source/volume/io.h"
+#include "source/volume/units.h"
 
 namespace slf::volume_io {
 
@@ -23,7 +24,7 @@ constexpr std::pair<std::string_view, const char*> kAliases[] = {
 
 Result<TextHeader> parse_meta_lines(const std::string& path, std::string_view head) {
   TextHeader header{.path = path};
-  std::string_view rest = head;
+  std::string_view rest = without_byte_order_mark(head);
   for (int number = 1; !rest.empty(); ++number) {
     const auto line = next_line(rest);
     header.bytes = head.size() - rest.size();
@@ -57,9 +58,6 @@ Result<bool> flag(const TextHeader& header, std::string_view field, bool otherwi
 
 Result<ScalarType> scalar_type(const TextHeader& header) {
   const auto text = SLF_TRY(header.required("ElementType"));
-  if (text.ends_with("_ARRAY"))
-    return unsupported(header.path, "ElementType ", in_quotes(text),
-                       ", expected one number a voxel: extract one component");
   // MET_LONG has 32 bits in MetaIO, on every machine.
   static const std::map<std::string_view, ScalarType> kTypes = {
       {"MET_UCHAR", ScalarType::u8},      {"MET_CHAR", ScalarType::i8},
@@ -69,7 +67,8 @@ Result<ScalarType> scalar_type(const TextHeader& header) {
       {"MET_LONG", ScalarType::i32},      {"MET_ULONG_LONG", ScalarType::u64},
       {"MET_LONG_LONG", ScalarType::i64}, {"MET_FLOAT", ScalarType::f32},
       {"MET_DOUBLE", ScalarType::f64}};
-  const auto found = kTypes.find(text);
+  // The number of channels says how many; in old files the type says that there are several.
+  const auto found = kTypes.find(text.substr(0, text.find("_ARRAY")));
   if (found != kTypes.end()) return found->second;
   return bad_file(header.path, "ElementType ", in_quotes(text),
                   ", expected MET_UCHAR, MET_SHORT, MET_FLOAT or the like");
@@ -89,6 +88,8 @@ Result<void> set_position(const TextHeader& header, std::size_t rank, const Volu
   const auto* anatomy = header.find("AnatomicalOrientation");
   volume.patient_axes = anatomy && anatomy->size() >= 3 &&
                         anatomy->substr(0, 3).find_first_not_of("RLAPIS") == std::string::npos;
+  if (const auto* unit = header.find("DistanceUnits"); unit && micrometres(*unit))
+    volume.unit = *unit;
   if (!options.spacing && !header.find("ElementSpacing")) volume.notes.emplace_back(kNoSpacing);
   for (std::size_t axis = 0; axis < 3; ++axis) {
     spacing[axis] = SLF_TRY(
@@ -115,7 +116,7 @@ Result<void> read_scale(const TextHeader& header, Volume& volume) {
   return {};
 }
 
-/// The paths of several data files, in order: a list, or a pattern with numbers; or one file.
+/// The names of several data files, in order: a list, or a pattern with numbers; or one file.
 Result<std::vector<std::string>> data_files(const TextHeader& header,
                                             const std::vector<std::uint64_t>& sizes) {
   const std::string& path = header.path;
@@ -124,8 +125,7 @@ Result<std::vector<std::string>> data_files(const TextHeader& header,
   // As in MetaIO: `LIST [DIMENSIONS OF A FILE]`, or `PATTERN [FIRST [LAST [STEP]]]`.
   std::vector<std::int64_t> given;
   const bool list = text.starts_with("LIST");
-  if (!list && text.find('%') == std::string::npos)
-    return std::vector{lower_case(text) == "local" ? path : beside(path, text)};
+  if (!list && text.find('%') == std::string::npos) return std::vector{text};
   for (std::size_t i = 1; i < parts.size(); ++i) {
     auto word = parts[i];
     if (list && (word.ends_with('D') || word.ends_with('d'))) word.remove_suffix(1);
@@ -146,7 +146,7 @@ Result<std::vector<std::string>> data_files(const TextHeader& header,
   if (list) {
     // Whatever follows the names is not part of the list.
     for (const auto& name : header.listed)
-      if (files.size() < count) files.push_back(beside(path, name));
+      if (files.size() < count) files.push_back(name);
   } else {
     const std::int64_t first = given.empty() ? 1 : given[0];
     const auto slices = static_cast<std::int64_t>(std::min<std::uint64_t>(count, 1 << 21));
@@ -164,15 +164,16 @@ Result<std::vector<std::string>> data_files(const TextHeader& header,
 
 /// Sets where the voxels are.
 Result<void> locate(const TextHeader& header, const std::vector<std::uint64_t>& sizes,
-                    VoxelData& data) {
+                    Volume& volume, VoxelData& data) {
   const std::string& path = header.path;
   const auto binary = SLF_TRY(flag(header, "BinaryData", true));
   if (!binary)
     return unsupported(path, "voxels as text (BinaryData = False): save the volume as binary");
   data.packed = SLF_TRY(flag(header, "CompressedData", false));
   data.big_endian = SLF_TRY(flag(header, "BinaryDataByteOrderMSB", false));
-  data.files = SLF_TRY(data_files(header, sizes));
   const bool local = lower_case(*header.find("ElementDataFile")) == "local";
+  data.files = {path};
+  if (!local) data.files = header.locate(SLF_TRY(data_files(header, sizes)), volume.notes);
   data.offset = local ? header.bytes : 0;
   SLF_TRY(header.check_data_file(data.files.front()));
   const auto skip = SLF_TRY(header.integer("HeaderSize", -1, kMaxSkip, 0));
@@ -186,6 +187,7 @@ Result<void> locate(const TextHeader& header, const std::vector<std::uint64_t>& 
 }  // namespace
 
 bool looks_like_meta(std::string_view head) {
+  head = without_byte_order_mark(head);
   const auto line = next_line(head);
   const auto equals = line.find('=');
   if (equals == std::string_view::npos) return false;
@@ -216,7 +218,7 @@ Result<Volume> read_meta(const std::string& path, std::string_view head,
   auto data = SLF_TRY(choose_volume(sizes, static_cast<std::uint32_t>(channels), options, volume));
   SLF_TRY(set_position(header, sizes.size(), options, volume));
   SLF_TRY(read_scale(header, volume));
-  SLF_TRY(locate(header, sizes, data));
+  SLF_TRY(locate(header, sizes, volume, data));
   SLF_TRY(read_voxels(data, volume));
   return volume;
 }

@@ -3,9 +3,11 @@
 #include <cmath>
 #include <limits>
 #include <optional>
+#include <set>
 
 #include "base/try.h"
 #include "source/volume/io.h"
+#include "source/volume/units.h"
 
 namespace slf::volume_io {
 
@@ -333,15 +335,14 @@ Result<bool> parse_big_endian(const TextHeader& header, ScalarType type) {
                   ", expected 'endian: little' or 'endian: big'");
 }
 
-/// The paths of several data files, in order: `LIST [SUBDIM]`, or `PATTERN MIN MAX STEP [SUBDIM]`.
+/// The names of several data files, in order: `LIST [SUBDIM]`, or `PATTERN MIN MAX STEP [SUBDIM]`.
 /// Else it names one file.
 Result<std::vector<std::string>> data_files(const TextHeader& header, const std::string& text,
                                             const std::vector<Axis>& axes) {
   const std::string& path = header.path;
   const auto parts = words(text);
   const bool list = text.starts_with("LIST");
-  if (!list && (text.find('%') == std::string::npos || parts.size() < 4))
-    return std::vector{beside(path, text)};
+  if (!list && (text.find('%') == std::string::npos || parts.size() < 4)) return std::vector{text};
   std::vector<std::int64_t> given;
   for (std::size_t i = 1; i < parts.size(); ++i) {
     const auto value = parse_integer(parts[i]);
@@ -351,11 +352,10 @@ Result<std::vector<std::string>> data_files(const TextHeader& header, const std:
     given.push_back(*value);
   }
   std::vector<std::string> files;
-  if (list) {
-    for (const auto& name : header.listed) files.push_back(beside(path, name));
-  } else {
+  if (list)
+    files = header.listed;
+  else
     files = SLF_TRY(numbered_files(path, parts.front(), given[0], given[1], given[2]));
-  }
   // Files of as many dimensions as there are share the last axis, in any number of equal parts.
   const auto rank = static_cast<std::int64_t>(axes.size());
   const std::int64_t of_file = given.size() == (list ? 1 : 4) ? given.back() : rank - 1;
@@ -371,17 +371,17 @@ Result<std::vector<std::string>> data_files(const TextHeader& header, const std:
 }
 
 /// Finds the voxels. `axes`: all of them, as in the header.
-Result<void> locate(const TextHeader& header, ScalarType type, const std::vector<Axis>& axes,
+Result<void> locate(const TextHeader& header, const std::vector<Axis>& axes, Volume& volume,
                     VoxelData& data) {
   data.files = {header.path};
   data.offset = header.bytes;
   if (const auto* text = header.find("datafile")) {
-    data.files = SLF_TRY(data_files(header, *text, axes));
+    data.files = header.locate(SLF_TRY(data_files(header, *text, axes)), volume.notes);
     data.offset = 0;
   }
   data.packing = SLF_TRY(parse_packing(header));
   data.packed = data.packing != Packing::none;
-  data.big_endian = SLF_TRY(parse_big_endian(header, type));
+  data.big_endian = SLF_TRY(parse_big_endian(header, volume.type));
   SLF_TRY(header.check_data_file(data.files.front()));
   const auto lines = SLF_TRY(header.integer("lineskip", 0, kMaxSkip, 0));
   if (lines > 0 && data.files.size() > 1)
@@ -396,7 +396,9 @@ Result<void> locate(const TextHeader& header, ScalarType type, const std::vector
 
 }  // namespace
 
-bool looks_like_nrrd(std::string_view head) { return head.starts_with("NRRD000"); }
+bool looks_like_nrrd(std::string_view head) {
+  return without_byte_order_mark(head).starts_with("NRRD000");
+}
 
 bool nrrd_names_files(std::string_view head) {
   while (!head.empty()) {
@@ -432,12 +434,15 @@ Result<Volume> read_nrrd(const std::string& path, std::string_view head,
   SLF_TRY(directed ? place_directed(header, axes, volume)
                    : place_by_spacing(axes, options, volume));
 
-  if (const auto* text = header.find("spaceunits"))
-    for (const std::string unit : {"mm", "cm", "m", "um", "µm", "nm"})
-      if (const std::string one = '"' + unit + '"'; *text == concat(one, " ", one, " ", one))
-        volume.unit = unit;
+  // With a space its units count, else those of the axes.
+  const std::string* units = header.find("spaceunits");
+  if (!units) units = header.find("units");
+  std::set<std::string> names;
+  for (const auto word : words(units ? std::string_view(*units) : ""))
+    names.emplace(trim(word, "\""));
+  if (names.size() == 1 && micrometres(*names.begin())) volume.unit = *names.begin();
 
-  SLF_TRY(locate(header, volume.type, all_axes, data));
+  SLF_TRY(locate(header, all_axes, volume, data));
   SLF_TRY(read_voxels(data, volume));
   return volume;
 }

@@ -18,17 +18,29 @@ enum Tag : DicomTag {
   kImageType = 0x00080008,
   kSopClass = 0x00080016,
   kSopInstance = 0x00080018,
+  kAcquisitionDate = 0x00080022,
+  kContentDate = 0x00080023,
   kAcquisitionDateTime = 0x0008002a,
   kAcquisitionTime = 0x00080032,
   kContentTime = 0x00080033,
   kModality = 0x00080060,
   kSeriesDescription = 0x0008103e,
+  kFrameType = 0x00089007,
+  kComplexComponent = 0x00089208,
+  kKvp = 0x00180060,
+  kRepetitionTime = 0x00180080,
   kEchoTime = 0x00180081,
+  kInversionTime = 0x00180082,
+  kEchoNumbers = 0x00180086,
   kSpacingBetweenSlices = 0x00180088,
   kTriggerTime = 0x00181060,
+  kFlipAngle = 0x00181314,
+  kInversionTimes = 0x00189079,
   kBValue = 0x00189087,
+  kGradientDirection = 0x00189089,
   kFrameAcquisitionTime = 0x00189074,
   kEffectiveEchoTime = 0x00189082,
+  kFrameReferenceDateTime = 0x00189151,
   kSeriesInstanceUid = 0x0020000e,
   kSeriesNumber = 0x00200011,
   kAcquisitionNumber = 0x00200012,
@@ -45,6 +57,8 @@ enum Tag : DicomTag {
   kDimensionValues = 0x00209157,
   kDimensionPointer = 0x00209165,
   kDimensions = 0x00209222,
+  kCardiacPhase = 0x00209241,
+  kRespiratoryPhase = 0x00209245,
   kPositionSequence = 0x00209113,
   kVolumePosition = 0x00209301,
   kVolumeOrientation = 0x00209302,
@@ -312,16 +326,26 @@ void read_moments(const DicomLookup& values, const std::vector<bool>& other_dime
       // as in kDicomMoments
       first({values.integer(kTemporalIndex), values.number(kTemporalPosition)}),
       first({values.real(kTimeOffset)}),
-      first({values.real(kEffectiveEchoTime), values.number(kEchoTime)}),
+      first(
+          {values.real(kEffectiveEchoTime), values.number(kEchoTime), values.number(kEchoNumbers)}),
+      first({values.real(kInversionTimes), values.number(kInversionTime)}),
+      first({values.number(kFlipAngle)}),
       first({values.real(kBValue)}),
       first({values.real(kTriggerDelay), values.number(kTriggerTime)}),
-      first({values.number(kReferenceTime)}),
+      first({values.real(kCardiacPhase)}),
+      first({values.real(kRespiratoryPhase)}),
+      first({values.number(kReferenceTime), values.number(kFrameReferenceDateTime)}),
       first({values.integer(kFrameAcquisitionNumber), values.number(kAcquisitionNumber)}),
+      first({values.number(kAcquisitionDate), values.number(kContentDate)}),
       first({values.number(kFrameAcquisitionTime), values.number(kAcquisitionTime),
              values.number(kContentTime)}),
       first({parse_number(date.substr(0, date.find_first_of("+-")))}),  // without the time zone
       first({values.number(kInstanceNumber)}),
       first({slice.frame})};
+  slice.traits.clear();
+  for (const Tag tag :
+       {kImageType, kFrameType, kComplexComponent, kGradientDirection, kRepetitionTime, kKvp})
+    slice.traits.append(values.raw(tag)).push_back('\n');
 }
 
 /// Places the frames of a file without functional groups: a dose, whose frames have offsets, or a

@@ -39,18 +39,13 @@ struct DicomSegmentation {
 };
 
 /// What tells apart the slices at one place, in the order in which it does.
-inline constexpr std::array<std::string_view, 11> kDicomMoments = {"TemporalPosition",
-                                                                   "TemporalPositionTimeOffset",
-                                                                   "EchoTime",
-                                                                   "DiffusionBValue",
-                                                                   "TriggerTime",
-                                                                   "FrameReferenceTime",
-                                                                   "AcquisitionNumber",
-                                                                   "AcquisitionTime",
-                                                                   "AcquisitionDateTime",
-                                                                   "InstanceNumber",
-                                                                   "frame"};
-inline constexpr std::size_t kInstanceMoment = 9;  // it and those behind it only number slices
+inline constexpr auto kDicomMoments = std::to_array<std::string_view>(
+    {"TemporalPosition", "TemporalPositionTimeOffset", "EchoTime", "InversionTime", "FlipAngle",
+     "DiffusionBValue", "TriggerTime", "CardiacPhase", "RespiratoryPhase", "FrameReferenceTime",
+     "AcquisitionNumber", "AcquisitionDate", "AcquisitionTime", "AcquisitionDateTime",
+     "InstanceNumber", "frame"});
+inline constexpr std::size_t kInstanceMoment =
+    kDicomMoments.size() - 2;  // it and those behind it only number slices
 
 /// The position of a slice, and how its pixels are stored and scaled.
 struct DicomSlice {
@@ -62,6 +57,7 @@ struct DicomSlice {
   std::string stack;                                   ///< StackID
   std::vector<std::uint32_t> indices{};                ///< of dimensions other than space
   std::array<double, kDicomMoments.size()> moments{};  ///< minus infinity: not stated
+  std::string traits{};  ///< what else tells slices apart, but is no number: directions, kinds
 
   std::string syntax;           ///< transfer syntax UID
   bool compressed = false;      ///< needs GDCM

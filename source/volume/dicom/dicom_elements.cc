@@ -9,6 +9,7 @@
 
 #include "base/bytes.h"
 #include "base/try.h"
+#include "base/utf8.h"
 #include "source/volume/fields.h"
 #include "source/volume/io.h"
 
@@ -28,18 +29,22 @@ constexpr std::size_t kPreamble = 132;
 constexpr int kMaxNesting = 32;
 
 /// The sequences whose items are kept. Implicit files do not say which elements are sequences.
-constexpr std::array<DicomTag, 22> kSequences = {
+constexpr std::array<DicomTag, 26> kSequences = {
     0x00189076,  // DiffusionGradientDirectionSequence
+    0x00189112,  // MRTimingAndRelatedParametersSequence
     0x00189114,  // MREchoSequence
+    0x00189115,  // MRModifierSequence
     0x00189117,  // MRDiffusionSequence
     0x00189118,  // CardiacSynchronizationSequence
     0x00189226,  // MRImageFrameTypeSequence
+    0x00189325,  // CTXRayDetailsSequence
     0x00189329,  // CTImageFrameTypeSequence
     0x00189751,  // PETFrameTypeSequence
     0x00209111,  // FrameContentSequence
     0x00209113,  // PlanePositionSequence
     0x00209116,  // PlaneOrientationSequence
     0x00209222,  // DimensionIndexSequence
+    0x00209253,  // RespiratorySynchronizationSequence
     0x0020930e,  // PlanePositionVolumeSequence
     0x0020930f,  // PlaneOrientationVolumeSequence
     0x00209310,  // TemporalPositionSequence
@@ -327,12 +332,7 @@ std::string DicomLookup::utf8(DicomTag tag, const std::string& character_set) co
   std::string result;
   for (const char c : own) {
     const auto code = static_cast<unsigned char>(c);
-    if (code < 128)
-      result += c;
-    else if (latin_1)
-      result += {static_cast<char>(0xc0 | code >> 6), static_cast<char>(0x80 | (code & 63))};
-    else
-      result += '?';
+    append_utf8(latin_1 || code < 128 ? code : '?', result);
   }
   return result;
 }
@@ -369,8 +369,9 @@ std::optional<std::uint32_t> DicomLookup::integer(DicomTag tag) const {
 std::vector<double> DicomLookup::reals(DicomTag tag) const {
   std::vector<double> result;
   const Fields value{raw(tag), big_endian_};
-  for (std::size_t at = 0; at + 8 <= value.bytes.size(); at += 8) {
-    result.push_back(value.get<double>(at));
+  const bool narrow = value.bytes.size() % 8 == 4;
+  for (std::size_t at = 0; at + (narrow ? 4 : 8) <= value.bytes.size(); at += narrow ? 4 : 8) {
+    result.push_back(narrow ? double{value.get<float>(at)} : value.get<double>(at));
     if (!std::isfinite(result.back())) return {};
   }
   return result;

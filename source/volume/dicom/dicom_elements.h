@@ -73,7 +73,7 @@ class DicomLookup {
   [[nodiscard]] std::vector<std::uint32_t> integers(DicomTag tag, std::size_t bytes) const;
   /// A binary unsigned integer of 2 or 4 bytes, by the length of the value.
   [[nodiscard]] std::optional<std::uint32_t> integer(DicomTag tag) const;
-  /// Binary doubles (FD). Empty if they are missing or not finite.
+  /// Binary doubles (FD), or an odd number of floats (FL). Empty if they are missing or not finite.
   [[nodiscard]] std::vector<double> reals(DicomTag tag) const;
   [[nodiscard]] std::optional<double> real(DicomTag tag) const;
 

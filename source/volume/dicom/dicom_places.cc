@@ -21,7 +21,10 @@ using Place = std::vector<DicomSlice>;
 
 /// The order of slices at one place: by what the file says of time, else by number.
 bool is_earlier(const DicomSlice& a, const DicomSlice& b) {
-  return std::tie(a.indices, a.moments) < std::tie(b.indices, b.moments);
+  if (a.indices != b.indices) return a.indices < b.indices;
+  const auto* const other = std::ranges::mismatch(a.moments, b.moments).in1;
+  if (other - a.moments.begin() < std::ptrdiff_t{kInstanceMoment}) return a.moments < b.moments;
+  return std::tie(a.traits, a.moments) < std::tie(b.traits, b.moments);
 }
 
 /// Whether `b` is a file that was copied under another name.

@@ -325,15 +325,16 @@ Result<std::uint64_t> append_tiff(const std::string& path, const VolumeOptions& 
 Result<Volume> read_tiff(const std::string& path, std::string_view, const VolumeOptions& options) {
   auto stack = SLF_TRY(survey(path, options));
   TiffDescription& d = stack.d;
-  Volume volume{.type = stack.kind.type, .source = path};
+  Volume volume{
+      .type = stack.kind.type, .slope = d.slope, .intercept = d.intercept, .source = path};
   if (stack.first > 0)
     volume.notes.emplace_back("its first page is smaller than all others: left out as a thumbnail");
   if (d.z == 0) d.z = stack.pages;
   // Many stacks along z are saved as times, or as more channels than there are colours.
   constexpr std::uint64_t kMaxColors = 4;
   const bool as_times = d.z == 1 && d.times > 1 && !options.time;
-  const bool as_channels =
-      d.z == 1 && d.times == 1 && d.channels > kMaxColors && !options.component;
+  const bool as_channels = d.z == 1 && d.times == 1 && d.channels > kMaxColors &&
+                           options.component.value_or(0) < stack.kind.components;
   if (as_times || as_channels) {
     const char other = as_times ? 'T' : 'C';
     std::swap(d.z, as_times ? d.times : d.channels);

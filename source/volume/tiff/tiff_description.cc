@@ -238,20 +238,23 @@ TiffDescription parse_imagej(std::string_view text, const TiffResolution& resolu
     if (equals != std::string_view::npos)
       entries[lower_case(trim(line.substr(0, equals)))] = trim(line.substr(equals + 1));
   }
+  const auto number = [&](const char* key, double otherwise) {
+    const auto value = parse_number(entries[key]);
+    return value && std::isfinite(*value) ? *value : otherwise;
+  };
   const auto count = [&](const char* key) -> std::uint64_t {
-    const auto found = entries.find(key);
-    const auto value = found == entries.end() ? std::nullopt : parse_integer(found->second);
+    const auto value = parse_integer(entries[key]);
     return value && *value > 0 ? static_cast<std::uint64_t>(*value) : 1;
   };
+  const bool listed = entries.contains("slices");
   d.channels = count("channels");
   d.times = count("frames");
-  d.z = entries.contains("slices") || d.channels > 1 || d.times > 1 ? count("slices")
-                                                                    : count("images");
+  d.z = count(listed || d.channels > 1 || d.times > 1 ? "slices" : "images");
   // As ImageJ does: a resolution counts without a unit; the unit may be that of the tag; and 72
   // pixels per inch, which programs write into any file, mean nothing.
   constexpr int kInch = 2, kCentimetre = 3;
   constexpr float kDefaultPerInch = 72;
-  std::string unit = entries.contains("unit") ? entries["unit"] : "";
+  std::string unit = entries["unit"];
   std::array<float, 2> pixels = resolution.pixels;
   if (unit.empty() && resolution.unit == kCentimetre) unit = "cm";
   if (unit.empty() && resolution.unit == kInch) {
@@ -265,11 +268,13 @@ TiffDescription parse_imagej(std::string_view text, const TiffResolution& resolu
   for (int i = 0; i < 2; ++i)
     if (const float per_unit = pixels[static_cast<std::size_t>(i)]; per_unit > 0)
       d.spacing[i] = length.value_or(1) / per_unit;
-  if (const auto z = parse_number(entries.contains("spacing") ? entries["spacing"] : "");
-      z && *z != 0 && std::isfinite(*z))
-    d.spacing.z = std::abs(*z) * length.value_or(1);
+  d.spacing.z =
+      std::abs(number("spacing", 0)) * micrometres(entries["zunit"]).value_or(length.value_or(1));
+  // A line, as that of 16 bits with a sign; other functions are of grey levels and films.
+  if (number("cf", 0) == 0 && number("c1", 0) != 0)
+    d.slope = number("c1", 1), d.intercept = number("c0", 0);
   // The order in which other programs stored the pictures, as "zct" or "xyzct".
-  std::string order = entries.contains("order") ? entries["order"] : "";
+  std::string order = entries["order"];
   if (order.size() >= 3) {
     for (char& axis : order = order.substr(order.size() - 3))
       axis = static_cast<char>(std::toupper(static_cast<unsigned char>(axis)));

@@ -29,7 +29,8 @@ struct TiffDescription {
   std::string order = "ZCT";  ///< the fastest first
   glm::dvec3 spacing{0.0};    ///< 0: unknown
   bool has_unit = true;       ///< of the spacing: micrometres; else in a unit that is not stated
-  std::string origin{};       ///< "OME", "ImageJ" or "tifffile"; empty: there is no description
+  double slope = 1, intercept = 0;  ///< of values, as ImageJ calibrates them
+  std::string origin{};  ///< "OME", "ImageJ" or "tifffile"; empty: there is no description
 
   /// Pictures with consecutive numbers on consecutive pages.
   struct Run {

@@ -292,6 +292,13 @@ TEST_F(MeshFormats, GltfMaterials) {
   floats.set("COLOR_0", floats.floats("VEC4", {1, 0, 0, 1, 0, 1, 0, 1, 0, 0, 1, 1, 1, 1, 0, 1}));
   expect_same(bytes, floats);
   expect_other(bytes, Gltf());
+
+  Gltf bare;
+  bare.primitive()["attributes"].erase("TEXCOORD_0");
+  bare.doc["extensionsUsed"] = {"KHR_materials_transmission"};
+  EXPECT_THAT(read("a.glb", bare.glb())->notes,
+              ::testing::UnorderedElementsAre(HasSubstr("textures are not used"),
+                                              HasSubstr("KHR_materials_transmission")));
 }
 
 TEST_F(MeshFormats, GltfThatOnlyGlowsIsShown) {
@@ -323,6 +330,8 @@ TEST_F(MeshFormats, AlphaOfOpaqueMaterialsIsIgnored) {
                           [](const glm::vec4& c) { return c.a > 0.2f && c.a < 0.3f; }));
   holes.material()["alphaMode"] = "MASK";
   EXPECT_NE(look(*read("c.glb", holes.glb())), colors);
+  holes.material()["alphaCutoff"] = 0;  // all of it shows
+  expect_same(holes, Gltf());
   // Nothing shows at all.
   holes.material()["alphaMode"] = "BLEND";
   holes.material()["pbrMetallicRoughness"]["baseColorFactor"] = {1, 1, 1, 0};
@@ -351,7 +360,7 @@ TEST_F(MeshFormats, GltfNamesOfFiles) {
   named.doc["images"] = {{{"uri", "my%20te%C3%BCx.png"}}};
   write(folder_ / "b in%.bin", plain.data);
   write(folder_ / "my te\xC3\xBCx.png", picture());
-  expect_same("n.gltf", named.doc.dump(), "b.glb", plain.glb());
+  expect_same("n.gltf", "\xEF\xBB\xBF" + named.doc.dump(), "b.glb", plain.glb());
   const auto named_mesh = read_mesh(folder_ / "n.gltf");
   ASSERT_TRUE(named_mesh) << named_mesh.error().message;
   EXPECT_THAT(named_mesh->files,
@@ -462,7 +471,8 @@ TEST_F(MeshFormats, ObjNumbersLinesAndIndices) {
                             "  v +5e-1 0 0\n\tv 9 0 0\n v 9. 9 0\n v -7 -7 0\n\t f 1 2 3\n",
                             "v .5 0 0\r\nv 9 0 0\r\nv 9 9 0\r\nv -7 -7 0\r\nf -4 -3 -2\r\n",
                             "v .5 0 0 # one\nv 9 0 0\nv 9 9 0\nf 1 2 3 # face\nv -7 -7 0\n",
-                            "f 1// 2// 3//\nv .5 0 0\nv 9 \\\n0 0\nv 9 9 0\n"})
+                            "f 1// 2// 3//\nv .5 0 0\nv 9 \\\n0 0\nv 9 9 0\n",
+                            "# C:\\\nv .5 0 0\nv 9 \\ \t\n0 0\nv 9 9 0\nf 1 2 3\n"})
     expect_same("a.obj", other, "b.obj", plain);
   EXPECT_THAT(error("a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 4\n").message,
               HasSubstr("line 4: a face has vertex '4' of 3"));
@@ -506,6 +516,12 @@ TEST_F(MeshFormats, ObjMaterials) {
   EXPECT_THAT(read_mesh(folder_ / "a.obj")->files,
               ::testing::UnorderedElementsAre(folder_ / "a.obj", folder_ / "sub/m.mtl",
                                               folder_ / "sub/tex/t.png"));
+  write(folder_ / "Gr\xC3\xBCn.png", picture());
+  write(folder_ / "m.mtl", "newmtl m\nmap_Kd Gr\xFCn.png\n");  // Latin-1
+  expect_same("a.obj", "mtllib \"m.mtl\"\n" + std::string(kSquare), "b.glb", plain.glb());
+  write(folder_ / "m.mtl", "newmtl M\nKd 255 0 0\n");
+  EXPECT_THAT(read("a.obj", "mtllib m.mtl\n" + std::string(kSquare))->notes,
+              ::testing::UnorderedElementsAre(HasSubstr("above 1"), HasSubstr("material 'm'")));
   // Half of it shows, whatever the other half says.
   write(folder_ / "m.mtl", "newmtl m\nTr 0.75\nmap_Kd tex.png\n");
   const auto glass = read("a.obj", "mtllib m.mtl\n" + std::string(kSquare));
@@ -531,6 +547,11 @@ TEST_F(MeshFormats, ObjColours) {
   EXPECT_EQ(mesh->colors.at(0), glm::u8vec4(255));
   EXPECT_EQ(mesh->colors.at(4), glm::u8vec4(255, 0, 0, 255));
   EXPECT_EQ(mesh->materials.at(0).color, glm::vec4(1));
+  // With an alpha, with a weight, and as ZBrush paints.
+  for (const char* text : {"v 0 0 0 1 0 0 1\nv 1 0 0 1 0 0 1\nv 0 1 0 1 0 0 1\nf 1 2 3\n",
+                           "v 0 0 0 1 1 0 0\nv 1 0 0 1 1 0 0\nv 0 1 0 1 1 0 0\nf 1 2 3\n",
+                           "v 0 0 0\nv 1 0 0\nv 0 1 0\n#MRGB ffff0000ffff0000ffff0000\nf 1 2 3\n"})
+    EXPECT_EQ(read("a.obj", text)->colors.at(0), glm::u8vec4(255, 0, 0, 255)) << text;
 }
 
 TEST_F(MeshFormats, FacesThatTrHidesAreShown) {
@@ -696,6 +717,23 @@ TEST_F(MeshFormats, PlyFacesWithColoursAndCoordinates) {
                                      vertices + "3 0 1 2\n"));
   ASSERT_TRUE(unused) << unused.error().message;
   EXPECT_THAT(unused->notes, ::testing::ElementsAre(HasSubstr("tex.png is not used")));
+  // A face without a texture, and what else is no reason to be silent.
+  const auto mixed = read(
+      "a.ply", ply("ascii", "comment TextureFile tex.png\n" + std::string(kPlyVertices) +
+                                "property uchar RED\nproperty uchar GREEN\n"
+                                "property uchar BLUE\nelement material 1\nproperty int x\n"
+                                "element face 2\nproperty list uchar int vertex_indices\n"
+                                "property list uchar float texcoord\nproperty int texnumber\n"
+                                "property uchar red\nproperty uchar green\n"
+                                "property uchar blue\nend_header\n"
+                                "-1 0 -1 9 9 9\n1 0 -1 9 9 9\n1 0 1 9 9 9\n-1 0 1 9 9 9\n5\n"
+                                "3 0 1 2 6 0 0 1 0 1 1 0 1 2 3\n3 0 2 3 6 0 0 0 0 0 0 -1 1 2 3\n"));
+  ASSERT_TRUE(mixed) << mixed.error().message;
+  EXPECT_EQ(mixed->colors.at(0), glm::u8vec4(9, 9, 9, 255));
+  EXPECT_TRUE(mixed->materials.at(mixed->material_of[0]).texture);
+  EXPECT_FALSE(mixed->materials.at(mixed->material_of[1]).texture);
+  EXPECT_THAT(mixed->notes, ::testing::UnorderedElementsAre(HasSubstr("'material' are not read"),
+                                                            HasSubstr("colours of faces")));
 }
 
 template <class T>
@@ -784,7 +822,8 @@ TEST_F(MeshFormats, StlOfAnyProgram) {
        {"solid a\n" + facet + "endsolid a\n", "\n  solid part vertex\n" + facet + " endsolid\n",
         "solid a\n" + facet + "endsolid a\nsolid b\nendsolid b\n",
         "SOLID A\r\n" + lower + "ENDSOLID A\r\n", "solid a\n" + facet + "end solid a\n",
-        "\xEF\xBB\xBFsolid a\n" + facet + "endsolid a\n"}) {
+        "\xEF\xBB\xBFsolid a\n" + facet + "endsolid a\n",
+        "# a comment\nsolid a\n" + facet + "endsolid a\n"}) {
     const auto mesh = read("a.stl", text);
     ASSERT_TRUE(mesh) << text << mesh.error().message;
     EXPECT_EQ(mesh->triangles.size(), 1u);
@@ -803,6 +842,14 @@ TEST_F(MeshFormats, StlOfAnyProgram) {
       EXPECT_EQ(mesh->positions.at(1), glm::vec3(1, 0, 0));
       EXPECT_TRUE(mesh->colors.empty());
     }
+  for (const std::uint32_t count : {0u, ~0u, 1u}) {  // not known yet, or wrong
+    auto text = binary("x", 0, binary("", 0, "").substr(84));
+    std::memcpy(&text[80], &count, 4);
+    const auto mesh = read("a.stl", text);
+    ASSERT_TRUE(mesh) << mesh.error().message;
+    EXPECT_EQ(mesh->triangles.size(), count == 1 ? 1u : 2u);
+    EXPECT_EQ(mesh->notes.size(), count == 1 ? 1u : 0u);
+  }
   EXPECT_EQ(read("a.stl", binary("x", 0xFC00, ""))->colors.at(0), glm::u8vec4(255, 0, 0, 255));
   // Of Magics, bit 15 means the colour of the whole.
   EXPECT_EQ(read("a.stl", binary("COLOR=\1\2\3\xFF", 0x001F, ""))->colors.at(0),

@@ -78,6 +78,7 @@ TEST_F(Pictures, BadCamerasAreNamed) {
   EXPECT_THAT(with("/frames/0/file_path", 3), HasSubstr("expected a member \"file_path\""));
   EXPECT_THAT(with("/camera_angle_x", "wide"), HasSubstr("no focal length"));
   EXPECT_THAT(with("/camera_angle_x", 0), HasSubstr("focal length of"));
+  EXPECT_THAT(with("/camera_angle_x", 38.9), HasSubstr("in radians"));
   EXPECT_THAT(with("/camera_model", "EQUIRECTANGULAR"), HasSubstr("EQUIRECTANGULAR"));
   EXPECT_THAT(with("/w", -5), HasSubstr("no error"));  // only counts together with h
   Json missing = good;

@@ -110,6 +110,16 @@ TEST(LabelTable, LinesMayEndInAnyWay) {
     }
 }
 
+TEST(LabelTable, TextMayBeUtf16OrLatin1) {
+  const LabelTable expected{{7, {"Gro\xC3\x9Fhirn", glm::dvec3(1, 0, 0), 1}},
+                            {4294967295, {"b", glm::dvec3(0, 0, 1), 1}}};
+  const std::string latin = "7 Gro\xDFhirn 255 0 0 255\n4294967295 b 0 0 255 255\n";
+  std::string little = "\xFF\xFE", big = "\xFE\xFF";
+  for (const char c : latin) little += {c, '\0'}, big += {'\0', c};
+  for (const auto& text : {latin, little, big})
+    EXPECT_EQ(parse_label_table(text, "a.txt"), expected);
+}
+
 TEST(LabelTable, SlicersOpacityCountsWhereTheTableIsSlicers) {
   const std::string header = "# Color table file /home/FreeSurferColorLUT.ctbl\n# 3 values\n";
   const std::string rows = "0 (none) 0 0 0 0\n1 'left lung' 127.5 0 0 0\n2 2 0 255 0 51\n";

@@ -244,6 +244,18 @@ TEST(TransferPreset, ReadsSlicersVolumeProperty) {
   EXPECT_EQ(json.function(251).w, 0.8);
 }
 
+TEST(TransferPreset, TextMayBeUtf16OrLatin1) {
+  const std::string map = R"(<?xml version="1.0" encoding="ISO-8859-1"?><ColorMap name="Gr)"
+                          "\xFC"
+                          R"(n"><Point x="0" )"
+                          R"(r="0" g="0" b="0"/><Point x="1" r="1" g="1" b="1"/></ColorMap>)";
+  EXPECT_EQ(parse_transfers(map, "a.xml")->front().function.name, "Gr\xC3\xBCn");
+  std::string wide = "\xFF\xFE";
+  for (const char c : std::string(R"({"Name": "x", "RGBPoints": [0, 0, 0, 0, 1, 1, 1, 1]})"))
+    wide += {c, '\0'};
+  EXPECT_EQ(parse_transfers(wide, "a.json")->front().function.name, "x");
+}
+
 TEST(TransferPreset, SaysWhatIsWrong) {
   const auto expect = [](std::string text, const std::string& change, const std::string& to,
                          const std::string& message) {
@@ -254,6 +266,7 @@ TEST(TransferPreset, SaysWhatIsWrong) {
     EXPECT_THAT(presets.error().message, HasSubstr("file: "));
     EXPECT_THAT(presets.error().message, HasSubstr(message));
   };
+  expect("# Color table file\n0 a 0 0 0 0\n", "", "", "expected a transfer function of ParaView");
   expect(kVp, "6 -3024", "7 -3024", "line 7: begins with '7', expected a count");
   expect(kVp, "400 0.8", "400 1.8", "line 7: number 6 is 1.8, expected 0 to 1");
   expect(kVp, "100 0 400", "100 0 50", "line 7: number 5 is 50, below the point before it");

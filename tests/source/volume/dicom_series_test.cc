@@ -305,6 +305,18 @@ TEST(DicomFolders, SlicesBesideTheLineAreRefused) {
   expect_error(folder.path(), ErrorCode::unsupported, "IM1.dcm: lies beside");
 }
 
+TEST(DicomTimes, DatesComeBeforeTimes) {
+  const Folder folder;
+  for (int n = 0; n < 4; ++n) {
+    auto slice = at_height(n, 2.0 * (n % 2));
+    slice[0x00080022] = text("DA", n < 2 ? "20191231" : "20200101");
+    slice[0x00080032] = text("TM", n < 2 ? "235959" : "000001");
+    folder.write("f" + std::to_string(n), write_dicom(slice));
+  }
+  expect_slices(expect_read(folder.path(), {.time = 0}), {0, 1});
+  expect_slices(expect_read(folder.path(), {.time = 1}), {2, 3});
+}
+
 // Each row: the elements that tell the times of a place apart. The numbers and names of the files
 // run against them.
 TEST(DicomTimes, ClassicSeriesByWhatTheFilesSay) {
@@ -318,7 +330,14 @@ TEST(DicomTimes, ClassicSeriesByWhatTheFilesSay) {
       {0x0008002a,
        {text("DT", "20200101235959.5+0100"), text("DT", "20200102000000+0100"),
         text("DT", "20200102000001.25")}},
-      {0x00080032, {text("TM", "095959.5"), text("TM", "100000"), text("TM", "100001.25")}}};
+      {0x00080032, {text("TM", "095959.5"), text("TM", "100000"), text("TM", "100001.25")}},
+      {0x00080022, {text("DA", "20191231"), text("DA", "20200101"), text("DA", "20200102")}},
+      {0x00180086, {text("IS", "1"), text("IS", "2"), text("IS", "10")}},
+      {0x00180082, {decimals({90}), decimals({150}), decimals({2000})}},
+      {0x00181314, {decimals({5}), decimals({10}), decimals({90})}},
+      {0x00209241, {fd({0}), fd({50}), fd({100})}},
+      {0x00189089, {fd({0, 0, 2}), fd({0, 0, 3}), fd({1, 0, 0})}},
+      {0x00089208, {text("CS", "MAGNITUDE"), text("CS", "PHASE"), text("CS", "REAL")}}};
   for (const auto& [tag, values] : kinds) {
     SCOPED_TRACE(tag);
     const Folder folder;
@@ -336,8 +355,10 @@ TEST(DicomTimes, ClassicSeriesByWhatTheFilesSay) {
       const int from = 10 * static_cast<int>(t);
       const auto volume = expect_read(folder.path(), {.time = t});
       expect_slices(volume, {from, from + 1, from + 2});
-      EXPECT_THAT(volume.notes,
-                  ElementsAre(HasSubstr("time point " + std::to_string(t) + " of 3")));
+      const bool is_number = tag != 0x00189089 && tag != 0x00089208;
+      EXPECT_THAT(volume.notes, SizeIs(is_number ? 1 : 0));
+      for (const auto& note : volume.notes)
+        EXPECT_THAT(note, HasSubstr("time point " + std::to_string(t) + " of 3"));
     }
     if (tag == 0x0008002a) {
       EXPECT_THAT(expect_read(folder.path(), {.time = 0}).notes,
@@ -377,7 +398,10 @@ TEST(DicomTimes, OneFileOfManyFrames) {
   const auto content = [](std::uint32_t tag, const DicomValue& value) {
     return DicomElements{{0x00209111, sequence({{{tag, value}}})}};
   };
-  const std::array<std::array<DicomElements, 2>, 6> kinds = {{
+  const auto group = [](std::uint32_t group, std::uint32_t tag, const DicomValue& value) {
+    return DicomElements{{group, sequence({{{tag, value}}})}};
+  };
+  const std::array<std::array<DicomElements, 2>, 10> kinds = {{
       {content(0x00209128, ul({1})), content(0x00209128, ul({2}))},
       {content(0x00209157, ul({1, 1})), content(0x00209157, ul({1, 2}))},
       {DicomElements{{0x00189114, sequence({{{0x00189082, fd({4.9})}}})}},
@@ -388,6 +412,11 @@ TEST(DicomTimes, OneFileOfManyFrames) {
        DicomElements{{0x00189118, sequence({{{0x00209153, fd({40})}}})}}},
       {DicomElements{{0x00209310, sequence({{{0x0020930d, fd({0})}}})}},
        DicomElements{{0x00209310, sequence({{{0x0020930d, fd({2.5})}}})}}},
+      {group(0x00209253, 0x00209245, fd({0})), group(0x00209253, 0x00209245, fd({50}))},
+      {group(0x00189115, 0x00189079, fd({90})), group(0x00189115, 0x00189079, fd({150}))},
+      {group(0x00189112, 0x00181314, decimals({5})), group(0x00189112, 0x00181314, decimals({10}))},
+      {group(0x00189325, 0x00180060, decimals({120})),
+       group(0x00189325, 0x00180060, decimals({80}))},
   }};
   for (const auto& kind : kinds)
     for (const bool is_explicit : {true, false}) {

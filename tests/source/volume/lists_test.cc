@@ -2,6 +2,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <fstream>
+
 #include "tests/source/volume/samples.h"
 
 namespace slf {
@@ -55,6 +57,38 @@ TEST_F(VolumeLists, ReadsAListOrNumberedFiles) {
                            std::string("s/%d.raw 7 9 1\n"), std::string("s/%d.raw 7 9 1 2\n")})
     for (const auto* skip : {"byte skip: 2\n", "byte skip: -1\n"})
       expect_phantom(expect_read(nhdr(last, skip)), ScalarType::i16);
+}
+
+// Whoever wrote the header, and wherever its data were then.
+TEST_F(VolumeLists, FindsDataThatWereMoved) {
+  for (const std::string from : {"/elsewhere/s/", "C:\\data\\s\\", "S\\"}) {
+    const auto list = "LIST\n" + from + "7.raw\n" + from + "8.RAW\n" + from + "9.raw\n";
+    for (const auto& path : {meta(list), nhdr(list), meta(from + "%d.raw 7 9 1\n")}) {
+      const auto volume = expect_read(path);
+      expect_phantom(volume, ScalarType::i16);
+      EXPECT_EQ(volume.notes.size(), from == "S\\" ? 0u : 1u);
+    }
+  }
+}
+
+TEST_F(VolumeLists, HeadersMayBeginWithAByteOrderMark) {
+  for (const std::string& path : {meta("s/%d.raw 7 9 1\n"), nhdr("s/%d.raw 7 9 1\n")}) {
+    std::ifstream file(path);
+    const std::string text(std::istreambuf_iterator<char>(file), {});
+    const auto name = "bom" + path.substr(path.rfind('.'));
+    expect_phantom(expect_read(folder_.write(name, "\xEF\xBB\xBF" + text)), ScalarType::i16);
+  }
+}
+
+TEST_F(VolumeLists, UnitsHaveManyNames) {
+  const std::string last = "s/%d.raw 7 9 1\n", skip = "byte skip: 2\n";
+  for (const std::string unit : {"mm", "microns", "nanometers", "\xC2\xB5m"}) {
+    const std::string all = '"' + unit + "\"  \"" + unit + "\" \"" + unit + "\"\n";
+    EXPECT_EQ(expect_read(nhdr(last, skip + "units: " + all)).unit, unit);
+    EXPECT_EQ(expect_read(meta(last, "HeaderSize = 2\nDistanceUnits = " + unit + "\n")).unit, unit);
+  }
+  EXPECT_EQ(expect_read(nhdr(last, skip + "units: \"mm\" \"mm\" \"um\"\n")).unit, "");
+  EXPECT_EQ(expect_read(meta(last, "HeaderSize = 2\nDistanceUnits = ?\n")).unit, "");
 }
 
 TEST_F(VolumeLists, NumbersMayRunBackwardsAndHaveZeros) {

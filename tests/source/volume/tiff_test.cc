@@ -239,6 +239,21 @@ TEST(VolumeTiff, ImageJSaysSpacingChannelsAndTimes) {
                                         HasSubstr("states no spacing")));
 }
 
+TEST(VolumeTiff, ImageJCalibratesValuesAndNamesUnits) {
+  const Folder folder;
+  const auto read = [&](const std::string& more) {
+    return expect_read(write_tiff(
+        folder, "a.tif",
+        {.description = "ImageJ=1.53t\nimages=3\nslices=3\nspacing=2\n" + more, .resolution = 1}));
+  };
+  const auto with_sign = read("c0=-32768.0\nc1=1.0\nvunit=HU\n");
+  EXPECT_EQ(with_sign.slope, 1);
+  EXPECT_EQ(with_sign.intercept, -32768);
+  EXPECT_EQ(read("cf=0\nc0=3\nc1=0.5\n").slope, 0.5);
+  EXPECT_EQ(read("cf=3\nc0=3\nc1=0.5\n").slope, 1);  // another function
+  EXPECT_EQ(read("unit=um\nzunit=mm\n").spacing(), glm::dvec3(1, 2, 2000));
+}
+
 // Beyond 4 GiB ImageJ writes one page, and the voxels of all the others after its own.
 /// A TIFF with one page of the phantom's size, 16 bits, whose pixels begin `pixels`.
 std::string one_page(const std::string& description, const std::string& pixels) {
