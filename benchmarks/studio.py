@@ -149,6 +149,7 @@ def main():
     parser.add_argument("--repeat", type=int, default=3)
     parser.add_argument("--json")
     options = parser.parse_args()
+    options.slf = os.path.abspath(options.slf)
     print(f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}")
     print(f"{'':24}{'first':>7}{'light':>7}{'motion':>8}{'width':>7}{'point':>7}{'rest':>6}"
           f"{'turn':>6}{'equal':>7}{'peak':>7}")

@@ -3,6 +3,7 @@
 #include <charconv>
 #include <chrono>
 #include <cmath>
+#include <cstring>
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
@@ -46,6 +47,17 @@ Response reply(const json& value, int status = 200) {
 }
 Response refusal(const std::string& message, int status = 422) {
   return reply({{"error", message}}, status);
+}
+
+/// A text as one word of a command line.
+std::string word(const std::string& text) {
+  const auto is_plain = [](char c) {
+    return std::isalnum(static_cast<unsigned char>(c)) != 0 || std::strchr("./_-", c) != nullptr;
+  };
+  if (std::ranges::all_of(text, is_plain)) return text;
+  std::string quoted = "'";
+  for (const char c : text) quoted += c == '\'' ? "'\\''" : std::string(1, c);
+  return quoted + "'";
 }
 
 /// A function as recipes state it.
@@ -102,6 +114,7 @@ struct Studio::State {
   void begin(Task<T>& task, const Work& work);
   void build(bool replace);
   json progress();
+  [[nodiscard]] std::string publish() const;
   std::optional<Response> forecast();
   json state();
   std::optional<Response> picture(const json& body);
@@ -157,6 +170,16 @@ void Studio::State::build(bool replace) {
   });
 }
 
+/// The command that makes a page of the field.
+std::string Studio::State::publish() const {
+  const std::filesystem::path output = options.output;
+  std::error_code ignored;
+  const bool has_views = std::filesystem::exists(draft.views_path, ignored);
+  return concat("slf export ", word(output.string()), " -o ",
+                word((output.parent_path() / output.stem()).string() + "-page"),
+                has_views ? " --views " + word(draft.views_path) : "");
+}
+
 json Studio::State::progress() {
   if (!builder.started()) return nullptr;
   const Progress done = builder.progress();
@@ -172,7 +195,7 @@ json Studio::State::progress() {
   if (!*outcome)
     out["error"] = outcome->error().message;
   else
-    out["field"] = folder;
+    out.update({{"field", folder}, {"publish", publish()}});
   caster.pause(false);
   return out;
 }
@@ -206,7 +229,9 @@ json Studio::State::state() {
     measured = volume;
     histogram = histogram_of(*volume);
     fitted.clear();
-    known.assign(built_in_transfers().begin(), built_in_transfers().end());
+    known = {{.function = default_transfer(*volume), .description = "What a volume begins with"}};
+    known.front().function.name = "automatic";
+    known.insert(known.end(), built_in_transfers().begin(), built_in_transfers().end());
   }
   json all{{"name", fs::path(draft.base.input).filename().string()},
            {"kind", recipe::kind_of(draft.base)},
@@ -370,8 +395,9 @@ std::optional<Response> Studio::State::act(const Request& request, std::string_v
     if (rest == "build" && builder.runs()) return refusal("the build is running already", 409);
     if (const auto saved = draft.save(); !saved) return refusal(saved.error().message);
     if (rest == "build") build(body.value("replace", false));
-    return reply({{"save", draft.recipe_path},
-                  {"command", concat("slf build ", draft.recipe_path, " -o ", options.output)}});
+    return reply(
+        {{"save", draft.recipe_path},
+         {"command", concat("slf build ", word(draft.recipe_path), " -o ", word(options.output))}});
   }
   return refusal("not here", 404);
 }

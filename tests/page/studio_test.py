@@ -137,7 +137,7 @@ class StudioTest(unittest.TestCase):
             self.mouse(page, [middle, middle])
             page.wait("document.querySelectorAll('#notelist li').length === 1")
             side = page.run("[studio.camera.azimuth, studio.camera.elevation]")
-            page.run("document.querySelectorAll('#presets button')[2].click()")
+            page.run("document.querySelectorAll('#presets button')[3].click()")
             self.fine(page)
             before = page.run("studio.state.revision")
 
@@ -210,6 +210,10 @@ class StudioTest(unittest.TestCase):
             page.wait("!document.getElementById('result').hidden", 240)
             size = os.path.getsize(path("ball.slf"))
             self.assertAlmostEqual(forecast, size, delta=0.2 * size + 2**15)
+            publish = page.run("document.getElementById('publish').textContent")
+            self.assertEqual(publish, "slf export ball.slf -o ball-page --views ball.views.json")
+            subprocess.run([SLF, "-q", *publish.split()[1:]], cwd=WORK, check=True)
+            shutil.rmtree(path("ball-page"))
             inside = "document.querySelector('iframe').contentWindow.slf"
             page.wait(f"{inside}?.state === 'settled'", 240)
             self.set(page, "#compare", "0", "input")
@@ -561,6 +565,31 @@ class StudioTest(unittest.TestCase):
             self.assertEqual(one.run("document.querySelector('#statelist [aria-pressed=true]')"
                                      ".textContent"), "bright")
             one.close()
+
+    def test_access(self):
+        """axe-core, on a desktop and on a phone, with all that the panel has."""
+        axe = path("axe/node_modules/axe-core/axe.min.js")
+        self.addCleanup(shutil.rmtree, path("axe"), ignore_errors=True)
+        if not shutil.which("npm") or subprocess.run(
+                ["npm", "install", "--silent", "--prefix", path("axe"), "axe-core@4"],
+                timeout=120).returncode:
+            self.skipTest("no axe-core: npm cannot install it here")
+        with open(axe) as file:
+            script = file.read()
+        with Studio("ball.nhdr", "-o", "ball.slf") as studio:
+            for width, height, dark in [(1280, 800, True), (1280, 800, False), (390, 844, True),
+                                        (390, 844, False)]:
+                page = self.browser.open(studio.url, width, height, dark=dark)
+                self.fine(page)
+                page.run("document.querySelectorAll('details').forEach((one) => one.open = true)")
+                page.run("document.querySelector('[data-axis=\"0\"]').click()")
+                page.run(script + ";0")
+                found = page.run("""axe.run(document, {runOnly: [
+                  'wcag2a', 'wcag2aa', 'wcag21a', 'wcag21aa', 'wcag22aa']}).then((all) =>
+                  all.violations.map(({id, nodes}) => [id, nodes.map((node) => node.target)]))""")
+                self.assertEqual(found, [], (width, dark))
+                self.assertFalse(page.run("document.documentElement.scrollWidth > innerWidth"))
+                page.close()
 
     def test_what_a_page_lost_is_sent_again(self):
         with Studio("ball.nhdr", "-o", "ball.slf") as studio:

@@ -90,6 +90,7 @@ export async function follow() {
       }
       if (build?.field) {
         byId('result').hidden = false;
+        byId('publish').textContent = build.publish;
         showField(build.field);
         byId('field').href = `../${build.field}/`;
         byId('said').textContent = `Complete: ${output}`;

@@ -114,7 +114,9 @@ export class Curve {
   }
 
   draw() {
-    const {canvas, points, low, high, histogram} = this, {width, height} = canvas;
+    const {canvas, points, low, high, histogram} = this;
+    if (canvas.clientWidth > 0) canvas.width = 2 * canvas.clientWidth;  // circles stay circles
+    const {width, height} = canvas;
     const pen = canvas.getContext('2d'), ink = getComputedStyle(canvas).color;
     const x = (v) => (v - low) / (high - low) * width, y = (o) => (1 - o) * (height - 16) + 8;
     pen.clearRect(0, 0, width, height);
@@ -130,13 +132,14 @@ export class Curve {
     const shade = pen.createLinearGradient(0, 0, width, 0);
     for (const p of points)
       shade.addColorStop(Math.min(Math.max(x(p.value) / width, 0), 1), hex(p.color));
-    pen.lineWidth = 6;
-    pen.strokeStyle = shade;
     pen.beginPath();
     pen.moveTo(0, y(points[0].opacity));
     for (const p of points) pen.lineTo(x(p.value), y(p.opacity));
     pen.lineTo(width, y(points.at(-1).opacity));
-    pen.stroke();
+    for (const [line, wide] of [[ink, 9], [shade, 5]]) {  // white shows on white, too
+      Object.assign(pen, {strokeStyle: line, lineWidth: wide});
+      pen.stroke();
+    }
     points.forEach((p, i) => {
       pen.beginPath();
       pen.arc(x(p.value), y(p.opacity), i === this.chosen ? 13 : 10, 0, 7);

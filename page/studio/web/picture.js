@@ -65,6 +65,7 @@ export async function draw() {
       if (picture.width !== width || picture.height !== height)
         Object.assign(picture, {width, height});
       pen.drawImage(bitmap, 0, 0);
+      if (view.shown.stage === 0) say('');  // this is the first one
       const last = header('Last') === '1', stage = Number(header('Stage'));
       view.shown = {serial, stage, revision: Number(header('Revision'))};
       place(JSON.parse(header('Sphere')));

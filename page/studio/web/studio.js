@@ -12,7 +12,7 @@ import {byId, retries} from './server.js';
 after.moved = moved;
 after.sent = again;
 after.loaded = () => {
-  byId('name').textContent = model.server.name;
+  byId('name').textContent = byId('name').title = model.server.name;
   document.title = `${model.server.name} · slf studio`;
   showInputs();
   showPlanes();
