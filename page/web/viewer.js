@@ -447,7 +447,7 @@ export class Viewer {
     this.renderer.show(view.level, []);
     this.complete ??= this.traffic();
     this.show();
-    this.loader.want([...needed, ...await this.allOfLevel0(kSmall)]);
+    this.loader.want([...needed, ...await this.allOfLevel0(kSmall)], true);
     if (!await this.idle(asked)) return;
     this.state = 'settled';
     this.on.settled();
