@@ -32,7 +32,6 @@ async function save(what, more = {}) {
     while (isSending()) await sleep(8);  // what is saved has all changes
     const said = await (await post(what, more)).json();
     command = said.command;
-    byId('copy').disabled = false;
     byId('said').textContent = `${what === 'build' ? 'Building' : 'Saved'} ${said.save}`;
     return true;
   } catch (error) {

@@ -7,7 +7,7 @@ import {byId, make, say} from './server.js';
 
 export function showLabels() {
   byId('labels').hidden = byId('each').hidden = !model.server.labels;
-  for (const id of ['presets', 'curve', 'ends', 'numbers', 'add', 'low', 'high'])
+  for (const id of ['presets', 'curve', 'ends', 'numbers', 'add', 'range'])
     byId(id).hidden = Boolean(model.server.labels) || !model.server.histogram;
   const {label_table: table, only_labels: only} = merged();
   const labels = table?.labels ?? model.server.labels ?? [];

@@ -1,7 +1,7 @@
 // What the studio makes: a recipe, its states, views and notes, with undo. Each change is sent to
 // the server, the newest one until it has arrived.
 
-import {byId, found, getState, gone, page, post, retries, say} from './server.js';
+import {found, getState, gone, page, post, retries, say} from './server.js';
 
 const kMaxUndo = 200;
 
@@ -74,7 +74,6 @@ export async function changed(moving = false) {
     }
   }
   sending = false;
-  byId('copy').disabled = true;
 }
 // A page that is left sends what is on its way once more.
 addEventListener('pagehide', () => {
