@@ -30,10 +30,10 @@ struct Member {
   Kind kind;
   bool required;
 };
-constexpr Member kView[] = {{"title", Kind::title, true},        {"text", Kind::text, false},
-                            {"orbit", Kind::orbit, true},        {"target", Kind::point, false},
-                            {"structures", Kind::titles, false}, {"clip", Kind::planes, false},
-                            {"cap", Kind::title, false}};
+constexpr Member kView[] = {{"title", Kind::title, true},  {"text", Kind::text, false},
+                            {"orbit", Kind::orbit, true},  {"target", Kind::point, false},
+                            {"state", Kind::title, false}, {"structures", Kind::titles, false},
+                            {"clip", Kind::planes, false}, {"cap", Kind::title, false}};
 constexpr Member kAbout[] = {{"title", Kind::title, true},
                              {"description", Kind::text, false},
                              {"author", Kind::text, false},
@@ -182,6 +182,10 @@ Result<Views> parse_views(const ViewsFile& file, const Sphere& sphere) {
                              sphere.radius);
     const auto shown = joined(views.camera, ",", [](double v) { return json(v).dump(); });
     views.attributes = " view=\"" + shown + "\"";
+    if (list[0].contains("state")) {
+      views.state = list[0]["state"].get<std::string>();
+      views.attributes += " state=\"" + escape_html(views.state) + "\"";
+    }
     if (list[0].contains("structures")) {
       views.structures = list[0]["structures"].get<std::vector<std::string>>();
       views.attributes += attribute(*views.structures);
@@ -208,8 +212,10 @@ Camera page_camera(const Sphere& sphere, const std::array<double, 6>& view, std:
 
 Result<void> begin_with(const First& first, const Field& field, Views& views) {
   const json saved = views.json.empty() ? json::object() : json::parse(views.json);
-  for (const json& view : saved.value("views", json::array()))
+  for (const json& view : saved.value("views", json::array())) {
     SLF_TRY(check_structures(view, field));
+    SLF_TRY(field.in_state(view.value("state", "0")));
+  }
   auto looks = SLF_TRY(parse_structures(first.structures, field.states()));
   std::vector<StructureLook> unknown;
   if (!first.state.empty()) {

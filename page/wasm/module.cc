@@ -7,6 +7,7 @@
 // bytes for the module to the memory that slf_buffer() returns. In tiles that go in and out, the
 // bits of a level from 8 on are the state of the object that the tile shows.
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <cstring>
@@ -309,6 +310,30 @@ SLF_EXPORT(slf_first_tiles) const std::uint32_t* slf_first_tiles(std::uint32_t a
     for (std::uint32_t x = 0; x < across; ++x)
       add_first_tiles(eye, forward + place(x) * right + place(y) * down, tiles);
   return list(std::vector(tiles.begin(), tiles.end()));
+}
+
+/// The sample of a level that is nearest to a ray: its entry section, exit section, row and column.
+/// The buffer holds two vectors of three f64, in radii from the sphere's centre: the eye, and where
+/// the ray meets the surface.
+SLF_EXPORT(slf_sample) const std::uint32_t* slf_sample(std::uint32_t level) {
+  std::array<glm::dvec3, 2> given;
+  std::memcpy(given.data(), module().buffer.data(), sizeof given);
+  const auto& [eye, point] = given;
+  const LevelGeometry& at = geometry(level);
+  const auto nearest = [](const Cell& cell) {
+    return std::max_element(cell.weights.begin(), cell.weights.end()) - cell.weights.begin();
+  };
+  const Chord chord = intersect(Sphere{}, eye, point - eye);
+  const Cell entry = locate(eye + chord.enter * (point - eye), at.entry_resolution());
+  const OctantPoint corner = entry.corners()[nearest(entry)];
+  const EntryRow row = at.entry_row(entry.octant, corner);
+  const glm::dvec3 from = direction(to_vertex(entry.octant, corner, at.entry_resolution()));
+  const glm::dvec3 v = point - from;
+  const Cell exit = locate(from - 2 * dot(from, v) / dot(v, v) * v, at.exit_resolution());
+  const auto cell = at.exit_cell(exit);
+  static std::array<std::uint32_t, 4> found;
+  found = {row.section, cell.section, row.row, cell.columns[nearest(exit)]};
+  return found.data();
 }
 
 // ---- decoding -----------------------------------------------------------------------------------

@@ -3,8 +3,10 @@
 
 const kRadians = Math.PI / 180;
 export const kFirst = {azimuth: 30, elevation: 20, distance: 3, target: [0, 0, 0]};
-const kNear = 1.02, kFar = 20;  // as near and as far as zooming gets,
-const kClose = 0.05;            // and as near to a point away from the centre
+// What bounds turning, zooming and moving; views that are given may be beyond.
+export const kLimits = {minDistance: 1.02, maxDistance: 20, minElevation: -90, maxElevation: 90,
+                        disableZoom: false, disablePan: false};
+const kClose = 0.05;  // as near as zooming gets to a point away from the centre
 const kMaxOrbit = 1e6;          // of a view that is given, as slf takes it
 
 export const add = (a, b, t = 1) => a.map((v, i) => v + t * b[i]);
@@ -12,6 +14,8 @@ export const dot = (a, b) => a.reduce((sum, v, i) => sum + v * b[i], 0);
 const clamp = (v, low, high) => Math.min(Math.max(v, low), high);
 
 export class Camera {
+  #limits = kLimits;
+
   constructor(text) {
     this.reset();
     this.fromText(text);
@@ -21,6 +25,8 @@ export class Camera {
     Object.assign(this, structuredClone(kFirst));
     this.rest();
   }
+  // `limits`: as kLimits.
+  obey(limits) { this.#limits = limits; }
   rest() {
     this.speed = [0, 0];  // degrees a second
     this.spins = false;
@@ -37,24 +43,30 @@ export class Camera {
 
   turn(azimuth, elevation) {
     this.azimuth = ((this.azimuth + azimuth) % 360 + 360) % 360;
-    this.elevation = clamp(this.elevation + elevation, -90, 90);
+    const {elevation: now} = this, {minElevation, maxElevation} = this.#limits;
+    this.elevation =
+      clamp(now + elevation, Math.min(minElevation, now), Math.max(maxElevation, now));
   }
   zoom(factor) {
-    const {distance} = this, near = Math.max(kClose, kNear - Math.hypot(...this.target));
-    this.distance = clamp(distance * factor, Math.min(near, distance), Math.max(kFar, distance));
+    const {distance} = this, {minDistance, maxDistance, disableZoom} = this.#limits;
+    const near = Math.max(kClose, minDistance - Math.hypot(...this.target));
+    this.distance = disableZoom ? distance : clamp(
+      distance * factor, Math.min(near, distance), Math.max(maxDistance, distance));
   }
   // Moves the point that the camera orbits, by fractions of the picture's height.
   pan(x, y) {
+    if (this.#limits.disablePan) return;
     const {right, down, half} = this.axes(1, 1);
     const scale = 2 * half * this.distance;
     this.target = add(add(this.target, right, -x * scale), down, -y * scale)
       .map((v) => clamp(v, -1, 1));
   }
 
-  // Turns the camera further after a drag, more and more slowly. Returns whether it moved.
-  advance(seconds) {
+  // Turns the camera further after a drag, more and more slowly, or by so many degrees a second by
+  // itself. Returns whether it moved.
+  advance(seconds, rate = 0) {
     const before = [this.azimuth, this.elevation];
-    if (this.spins) this.turn(20 * seconds, 0);
+    this.turn((this.spins ? 20 : rate) * seconds, 0);
     this.turn(this.speed[0] * seconds, this.speed[1] * seconds);
     this.speed = this.speed.map((v) => Math.abs(v) < 1 ? 0 : v * Math.exp(-4 * seconds));
     return before[0] !== this.azimuth || before[1] !== this.elevation;
@@ -84,8 +96,9 @@ export class Camera {
 
   // Looks from the side that a point is on.
   face([x, y, z]) {
-    this.azimuth = Math.atan2(x, -y) * 180 / Math.PI;
-    this.elevation = Math.atan2(z, Math.hypot(x, y)) * 180 / Math.PI;
+    const {minElevation, maxElevation} = this.#limits;
+    this.azimuth = Math.atan2(x, 0 - y) / kRadians;  // 0 from above and from below
+    this.elevation = clamp(Math.atan2(z, Math.hypot(x, y)) / kRadians, minElevation, maxElevation);
   }
 
   toText() {

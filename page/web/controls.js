@@ -7,12 +7,14 @@ const kStep = 6;     // degrees for one press of a key
 export const kNearer = 0.6;  // of the distance, by a double click
 const kDoubleTap = 300, kTapMoves = 6, kTapApart = 24;  // milliseconds, pixels, pixels
 
-// Calls `moved` after each change, `tap(x, y)` when the canvas is clicked, and `nearer(x, y)` when
-// it is clicked twice; without that, the camera then goes nearer. `wheels()`: whether the wheel
-// zooms. `hears` is what keys are pressed in; `keys` maps further ones to functions:
+// `over` lies on the canvas: the wheel zooms there, too, unless it scrolls a text, and a drag that
+// begins there turns the camera, but on a <nav>, which is swiped. Calls `moved` after each change,
+// `tap(x, y)` when the canvas is clicked, and `nearer(x, y)` when it is clicked twice; without that,
+// the camera then goes nearer. `wheels()`: whether the wheel zooms. `hears` is what keys are pressed in; `keys` maps further ones to functions:
 // {r: function, …}; one that returns false leaves the key to the page. `signal` ends it.
 export function attach(canvas, camera, {
-  moved, tap, nearer = () => { camera.zoom(kNearer); moved(); }, wheels, hears, keys, signal}) {
+  over = [], moved, tap, nearer = () => { camera.zoom(kNearer); moved(); }, wheels, hears, keys,
+  signal}) {
   const pointers = new Map();
   let last = 0, tapped = {}, travelled = 0;
 
@@ -74,8 +76,22 @@ export function attach(canvas, camera, {
   canvas.addEventListener('pointerup', end);
   canvas.addEventListener('pointercancel', end);
   canvas.addEventListener('contextmenu', (event) => event.preventDefault());
-  canvas.addEventListener('wheel', (event) => {
-    if (!wheels()) return;
+  for (const it of over) {
+    let from;
+    it.addEventListener('pointerdown', (event) => {
+      from = event.target.closest('nav') ? undefined : event;
+    });
+    it.addEventListener('pointerup', () => { from = undefined; });
+    it.addEventListener('pointermove', (event) => {
+      if (!from || Math.hypot(event.clientX - from.clientX, event.clientY - from.clientY) <
+                   kTapMoves) return;
+      from = undefined;
+      canvas.dispatchEvent(new PointerEvent('pointerdown', event));
+    });
+  }
+  for (const it of [canvas, ...over]) it.addEventListener('wheel', (event) => {
+    const text = event.target.closest('nav div');
+    if (!wheels() || text?.scrollHeight > text?.clientHeight) return;
     const pixels = event.deltaY * (event.deltaMode === 1 ? 33 : event.deltaMode === 2 ? 400 : 1);
     const before = camera.distance;
     camera.zoom(Math.exp(Math.min(Math.max(pixels, -300), 300) * 0.0015));

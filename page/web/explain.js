@@ -2,7 +2,9 @@
 
 import {add, Camera} from './camera.js';
 import {make} from './look.js';
+import {sleep} from './media.js';
 
+const kTour = 6;        // seconds that a tour shows each view, once it is complete
 const kSwipe = 40;      // pixels that a swipe moves at least
 const kProbe = 120;     // milliseconds between looks at what is behind notes and the scale bar
 const kBehind = 0.03;   // radii that a note may lie below the surface
@@ -19,11 +21,12 @@ function fill(element, text = '') {
 export class Explain {
   // `element`: the <slf-field>; `byId` finds its parts.
   constructor(element, byId) {
-    Object.assign(this, {element, byId, viewer: element.viewer, t: element.t, views: [], notes: [], marks: [],
-                         at: -1});
+    Object.assign(this, {element, byId, viewer: element.viewer, t: element.t, views: [], notes: [],
+                         marks: [], at: -1});
     this.tool = undefined;  // 'ruler' or 'mark': what a click on the surface does
     byId('previous').onclick = () => this.go(this.at - 1);
     byId('next').onclick = () => this.go(this.at + 1);
+    byId('tour').onclick = () => this.tour();
     byId('ruler').onclick = () => this.use('ruler');
     byId('mark').onclick = () => this.use('mark');
     byId('copy').onclick = () => this.copy(JSON.stringify(this.currentView()), 'viewCopied');
@@ -53,6 +56,7 @@ export class Explain {
     this.views = views.map((view) => ({
       ...view, camera: [...view.orbit, ...(view.target ? this.inward(view.target) : [])].join()}));
     this.byId('views').hidden = views.length === 0;
+    this.byId('tour').hidden = views.length < 2;
     if (views.length > 0) this.tell(0);
     this.notes = notes.map(({label, text, point}) => {
       const element = make('div', {className: 'note'}), more = make('p', {hidden: true});
@@ -87,10 +91,24 @@ export class Explain {
     const at = (number + this.views.length) % this.views.length;
     this.tell(at);
     this.viewer.flyTo(this.views[at].camera);
-    const {structures, clip = [], cap = ''} = this.views[at];
+    const {state, structures, clip = [], cap = ''} = this.views[at];
+    if (state !== undefined) this.element.state = state;
     if (structures) this.element.structures = structures;
     Object.assign(this.element, {cap, clip});
     return true;
+  }
+  // Shows the saved views one after another, from `first` on, or ends that.
+  async tour(tours = !this.tours, first = this.at + 1) {
+    const {viewer} = this, seconds = parseFloat(this.element.tour) || kTour;
+    this.tours = tours && this.views.length > 1;
+    this.byId('tour').setAttribute('aria-pressed', String(this.tours));
+    const current = this.touring = {};
+    const goesOn = () => this.tours && this.touring === current && !viewer.ended;
+    for (let at = first; goesOn(); at = this.at + 1) {
+      this.go(at);
+      for (let since; goesOn() && !(performance.now() - since > 1000 * seconds); await sleep(50))
+        if (viewer.state === 'settled') since ??= performance.now();
+    }
   }
   tell(at) {
     this.at = at;
@@ -101,11 +119,12 @@ export class Explain {
     fill(this.byId('text'), text);
   }
   currentView() {
-    const {azimuth, elevation, distance, target} = this.viewer.camera;
+    const {field, camera: {azimuth, elevation, distance, target}} = this.viewer;
     const round = (v) => Math.round(v * 1e3) / 1e3;
     return {title: this.t('title'), text: '', orbit: [azimuth, elevation, distance].map(round),
             ...(target.some((v) => v !== 0) && {target: this.outward(target).map(round)}),
-            ...(this.viewer.field.structures.length > 0 &&
+            ...(field.states.length > 1 && {state: field.states[field.state]}),
+            ...(field.structures.length > 0 &&
                 {structures: this.element.structures}),
             ...(this.element.clip.length > 0 &&
                 {clip: this.element.clip.map((text) => text.split(',').map(Number))}),
@@ -192,6 +211,20 @@ export class Explain {
         element.classList.toggle(name, Boolean(on));
     }
   }
+  // Says where on the surface the pointer is, at a place of the canvas, or that it is nowhere.
+  point(place) {
+    this.under = place;
+    if (place) this.later ??= setTimeout(() => this.probe(), kProbe);
+    else this.byId('under').hidden = true;
+  }
+  async coordinates(found) {
+    const {radius} = this.sphere, digits = Math.max(0, 3 - Math.ceil(Math.log10(radius)));
+    const at = found && this.outward(found.point).map((v) => this.t.written(v, digits))
+      .join(this.t.language === 'en' ? ', ' : '; ') + this.unit, {under} = this;
+    const name = found && await this.viewer.structureAt(found).catch(() => '');
+    if (under !== this.under) return;
+    Object.assign(this.byId('under'), {hidden: !at, textContent: name ? `${name} · ${at}` : at});
+  }
   // Hides the notes that have matter in front of them. Finds the distance that the scale bar is of.
   probe() {
     clearTimeout(this.later);
@@ -200,12 +233,14 @@ export class Explain {
     if (!viewer.first || !viewer.draws || !viewer.field.shape.hasDepth) return;
     this.probed = performance.now();
     const {clientWidth, clientHeight} = viewer.canvas;
-    const [middle, ...found] =
-      viewer.probe([[clientWidth / 2, clientHeight / 2], ...notes.map(({x, y}) => [x, y])]);
+    const middle = [clientWidth / 2, clientHeight / 2], {under} = this;
+    const [at, pointed, ...found] =
+      viewer.probe([middle, under ?? middle, ...notes.map(({x, y}) => [x, y])]);
     notes.forEach((note, i) => this.hide(note, viewer.cut.removes(this.outward(note.point)) ||
                                                found[i]?.distance < note.distance - kBehind));
     this.placeNotes();
-    this.scale(middle?.distance);
+    this.scale(at?.distance);
+    if (under) this.coordinates(pointed);
   }
   hide(note, behind) {
     note.element.classList.toggle('behind', note.behind = behind);

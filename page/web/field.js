@@ -178,6 +178,15 @@ export class Field {
     return this.pagesAt(this.native.calls.slf_first_tiles(kFirstRays));
   }
 
+  // Where the sample of a level is that is nearest to the ray from the eye to a point of the
+  // surface, in radii: its page, and its number in that tile.
+  sampleAt(level, eye, point) {
+    this.native.fill(new Uint8Array(new Float64Array([...eye, ...point]).buffer));
+    const at = this.native.calls.slf_sample(level);
+    const [entry, exit, row, column] = new Uint32Array(this.native.calls.memory.buffer, at, 4);
+    return {page: this.page(level, entry, exit), number: row * this.shape.columns + column};
+  }
+
   // Of these pages, those that the source fetches early or that have no payload; none if it fetches
   // none early.
   async early(pages) {

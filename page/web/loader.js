@@ -38,6 +38,11 @@ export class Loader {
   }
 
   get tiles() { return this.used.size; }
+  // Of the tiles that are wanted, how many there are: from 0 to 1.
+  get share() {
+    const absent = this.plan.length + this.loading.size;
+    return this.tiles / (this.tiles + absent || 1);
+  }
 
   // The page table and the slots of this renderer are empty.
   restart(renderer) {

@@ -15,6 +15,7 @@ export const markup = (t) => `<div lang="${t.language}">
 <div id="cross" aria-hidden="true" hidden></div>
 <div id="compass" aria-hidden="true" hidden></div>
 <div id="scale" role="img" hidden></div>
+<div id="under" aria-hidden="true" hidden></div>
 <p id="seen" class="unseen" aria-live="polite"></p>
 <p id="keys" class="unseen">{keys}</p>
 <aside id="panel" aria-label="{settings}">
@@ -89,8 +90,11 @@ export const markup = (t) => `<div lang="${t.language}">
 <nav id="views" aria-label="{views}" hidden>
   <button id="previous" type="button" aria-label="{previous}" title="{pageUp}">‹</button>
   <div aria-live="polite"><a id="title"></a> <span id="count"></span><p id="text"></p></div>
+  <button id="tour" type="button" aria-pressed="false" aria-label="{tour}"
+    title="{tour} (T)">▸</button>
   <button id="next" type="button" aria-label="{next}" title="{pageDown}">›</button>
 </nav>
+<p id="hint" aria-hidden="true" hidden></p>
 <p id="status" role="status" aria-live="polite"></p>
 <p id="choose" hidden>{choose} <input id="file" type="file" accept=".slf" aria-label="{field}"></p>
 <dialog id="facts" aria-labelledby="facts-title">
@@ -141,10 +145,12 @@ export const kStyle = `
 }
 #picture:focus-visible { outline-offset: -3px; }
 
-#panel, #structures, #views, #status, #choose, dialog, #compass, #scale {
+#panel, #structures, #views, #hint, #status, #choose, dialog, #compass, #scale {
   background: var(--panel); border: 1px solid var(--line); border-radius: 10px;
 }
-:host([controls="none"]) :is(#panel, #structures, #views, #compass, #scale) { display: none; }
+:host([controls="none"]) :is(#panel, #structures, #views, #hint, #compass, #scale, #under) {
+  display: none;
+}
 #panel, #structures {
   position: absolute; top: 12px; left: 12px; width: 272px; max-height: calc(100% - 24px);
   max-width: calc(100% - 24px); overflow: auto; backdrop-filter: blur(10px);
@@ -169,7 +175,9 @@ label {
   display: flex; justify-content: space-between; align-items: center; gap: 8px; min-height: 44px;
 }
 label.check { justify-content: flex-start; }
-input[type="checkbox"] { accent-color: var(--accent); width: 24px; height: 24px; margin: 0; }
+input[type="checkbox"] {
+  accent-color: var(--accent); width: 24px; height: 24px; margin: 0; flex: none;
+}
 select, button, input[type="color"], #find {
   font: inherit; color: inherit; background: transparent; border: 1px solid var(--line);
   border-radius: 6px; min-height: 44px; min-width: 44px; padding: 2px 8px;
@@ -212,10 +220,17 @@ button[aria-pressed="true"] { background: var(--accent); color: var(--pressed); 
 }
 #compass span {
   position: absolute; transform: translate(-50%, -50%); font-weight: 600; font-size: 12px;
+  min-width: 24px; line-height: 24px; text-align: center; pointer-events: auto; cursor: pointer;
+  border-radius: 50%;
 }
+#compass span:hover { background: var(--line); }
 #scale {
   position: absolute; right: 124px; bottom: 16px; padding: 2px 6px 6px; text-align: center;
   pointer-events: none;
+}
+#under {
+  position: absolute; left: 16px; bottom: 16px; font-variant-numeric: tabular-nums;
+  pointer-events: none; color: var(--dim); text-shadow: 0 0 4px var(--panel), 0 0 2px var(--panel);
 }
 #scale i { display: block; border: 2px solid currentcolor; border-top: 0; height: 6px; }
 #lines, #notes {
@@ -225,7 +240,7 @@ button[aria-pressed="true"] { background: var(--accent); color: var(--pressed); 
 #lines circle { fill: var(--accent); stroke: #000; }
 .note {
   position: absolute; left: 0; top: 0; max-width: 240px; pointer-events: auto;
-  background: var(--panel); border-radius: 22px; transition: opacity 0.2s;
+  background: var(--panel); border-radius: 22px; transition: opacity 0.2s; touch-action: none;
 }
 .note::before {
   content: ''; position: absolute; left: -5px; top: -5px; width: 10px; height: 10px;
@@ -261,6 +276,12 @@ a { color: var(--accent); }
   max-height: calc(100% - 24px); overflow: auto; width: max-content;
 }
 #views:not([hidden]) ~ #status:not(.wrong) { bottom: auto; top: 12px; }
+#hint {
+  position: absolute; top: 64%; left: 50%; transform: translateX(-50%); margin: 0;
+  padding: 8px 14px; width: max-content; max-width: calc(100% - 24px); text-align: center;
+  pointer-events: none; animation: appear 0.6s 1s both;
+}
+@keyframes appear { from { opacity: 0; } }
 #status:empty { display: none; }
 #status.wrong { border-color: #ff6b5e; bottom: auto; top: 50%; transform: translate(-50%, -50%); }
 dialog {
@@ -281,6 +302,7 @@ dialog form { margin-top: 14px; text-align: right; }
   #views { width: min(460px, calc(100% - 240px)); }
 }
 @container (max-width: 640px) {
+  #under { display: none; }
   #structures { top: 68px; left: 12px; right: auto; max-height: calc(100% - 188px); }
   #scale { bottom: auto; top: 20px; right: 116px; }
   #compass { top: 12px; right: 12px; bottom: auto; }

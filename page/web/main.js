@@ -3,7 +3,7 @@
 // exports, the page belongs to it: its address has the view, and all keys are for it. With `own`,
 // as in slf view, it may not show fields of other hosts.
 
-import {Camera, dot} from './camera.js';
+import {Camera, dot, kLimits} from './camera.js';
 import {attach} from './controls.js';
 import {kCapForm, planesOf, textOf} from './cut.js';
 import {Decoders} from './decoders.js';
@@ -13,7 +13,7 @@ import {ownColors, StructureList} from './list.js';
 import {kStyle, make, markup} from './look.js';
 import {embeddedSource, fileSource, HttpSource, LocalSource} from './source.js';
 import {joined, looksOf, split, textsOf} from './structures.js';
-import {media, sleep} from './media.js';
+import {calm, media, sleep} from './media.js';
 import {speaker, Told} from './text.js';
 import {Viewer} from './viewer.js';
 import {serve} from './worker.js';
@@ -97,19 +97,25 @@ const kAxes = {x: [1, 0, 0], y: [0, 1, 0], z: [0, 0, 1]};
 const kPatientAxes = {  // LPS
   L: [1, 0, 0], R: [-1, 0, 0], P: [0, 1, 0], A: [0, -1, 0], S: [0, 0, 1], I: [0, 0, -1]};
 
+// Attributes that are read when they matter, by the names of their properties, with what they are
+// without. Names are those of <model-viewer>, angles degrees, distances radii.
+const kHabits = {...kLimits, autoRotate: false, autoRotateDelay: 3000, rotationPerSecond: 8,
+                 controls: '', interactionPrompt: 'auto', tour: ''};
+
 // ---- the element --------------------------------------------------------------------------------
 
 export class SlfField extends (globalThis.HTMLElement ?? Object) {
   constructor() {
     super();
     this.camera = new Camera();
+    this.camera.obey(this);
     this.turned = false;  // whether a poster is not of what is shown
     this.settings = firstSettings();
   }
   connectedCallback() {
     if (this.stop) return;  // it was moved within the page
     for (const [name, value] of Object.entries(this)) {
-      if (!SlfField.observedAttributes.includes(name)) continue;
+      if (!(name in SlfField.prototype)) continue;
       delete this[name];  // it was set before the element was defined
       this[name] = value;
     }
@@ -168,7 +174,7 @@ export class SlfField extends (globalThis.HTMLElement ?? Object) {
   dispose() {
     this.stop?.abort();
     this.stop = this.looks = undefined;
-    this.filled = this.plays = false;
+    this.filled = this.plays = this.progress = false;
   }
 
   // Turns the camera to a view, "azimuth,elevation,distance" and perhaps a target in radii, as the
@@ -233,19 +239,21 @@ export class SlfField extends (globalThis.HTMLElement ?? Object) {
     this.list.show(looks);
     this.showLooks(looks);
   }
-  static observedAttributes = ['src', 'lang', 'view', 'state', 'structures', 'clip', 'cap'];
+  static observedAttributes = ['src', 'lang', 'tour', 'view', 'state', 'structures', 'clip', 'cap'];
   attributeChangedCallback(name, before, value) {
     if (name === 'lang') {
       if (!this.stop || before === value) return;
       this.dispose();
       this.mount();
+    } else if (name === 'tour') {
+      if (this.filled) this.explain.tour(value !== null);
     } else if (name !== 'src') {
       this[name] = value ?? {view: '30,20,3', structures: '*'}[name];
     } else if (this.stop && before !== value) {  // another field, as if the element were new
       this.dispose();
       this.turned = true;
       this.settings = firstSettings();
-      for (const other of SlfField.observedAttributes.slice(2))
+      for (const other of SlfField.observedAttributes.slice(3))
         this.attributeChangedCallback(other, undefined, this.getAttribute(other));
       this.mount();
     }
@@ -300,7 +308,12 @@ export class SlfField extends (globalThis.HTMLElement ?? Object) {
       this.moved();
       if (this.saved) this.explain.open(this.saved);
     }, {signal});
-    const counts = setInterval(() => this.showCounts(), kCounts);
+    if (this.hasAttribute('tour') && !calm.matches) this.explain.tour(true, this.explain.at);
+    this.prompt();
+    const counts = setInterval(() => {
+      this.showCounts();
+      this.advance(viewer.complete ? 1 : 0.99 * viewer.loader.share);
+    }, kCounts);
     signal.addEventListener('abort', () => clearInterval(counts));
     this.tell('ready');
   }
@@ -353,6 +366,32 @@ export class SlfField extends (globalThis.HTMLElement ?? Object) {
     if (answer?.ok) return answer.json();
     this.say(this.t('noViews', address));
     return {};
+  }
+
+  // Says how much has come of the first view, from 0 to 1.
+  advance(share) {
+    if (share <= this.progress) return;
+    this.progress = share;
+    this.tell('progress', {totalProgress: share});
+  }
+  // Tells a first visitor how to move the picture.
+  prompt() {
+    if (this.interactionPrompt === 'none') return;
+    try {
+      if (localStorage.slfPrompted) return;
+      localStorage.slfPrompted = 1;
+    } catch {  // a sandbox has none
+      return;
+    }
+    const text = this.t(media('(pointer: coarse)').matches ? 'touch' : 'drag');
+    Object.assign(this.byId('hint'), {textContent: text, hidden: false});
+  }
+  // Ends what the element does by itself: somebody uses it.
+  touched(event) {
+    this.byId('hint').hidden = true;
+    this.viewer.touchedAt = performance.now();
+    if (event.key !== 't' && event.composedPath()[0] !== this.byId('tour'))
+      this.explain.tour(false);
   }
 
   // ---- the view ---------------------------------------------------------------------------------
@@ -436,14 +475,24 @@ export class SlfField extends (globalThis.HTMLElement ?? Object) {
     box.hidden = !this.byId('marks').checked;
     if (box.hidden) return;
     const {forward, right, down} = this.camera.axes(1, 1);
-    const marks = this.viewer.field.manifest.provenance?.space ? kPatientAxes : kAxes;
-    box.replaceChildren(...Object.entries(marks).map(([letter, axis]) => {
-      const mark = make('span', {textContent: letter}), near = -dot(axis, forward);
+    box.replaceChildren(...Object.entries(this.sides).map(([letter, axis], k) => {
+      const mark = make('span', {textContent: letter, title: this.t('side', letter, k + 1),
+                                 onpointerdown: () => this.lookFrom(axis)});
+      const near = -dot(axis, forward);
       const [left, top] = [right, down].map((v) => `${50 + 40 * dot(axis, v)}%`);
       const zIndex = Math.round(10 * near) + 10;
       Object.assign(mark.style, {left, top, opacity: 0.65 + 0.35 * near, zIndex});
       return mark;
     }));
+  }
+
+  get sides() { return this.viewer.field.manifest.provenance?.space ? kPatientAxes : kAxes; }
+  // Flies to where the object is seen from a side.
+  lookFrom(axis) {
+    const to = new Camera(this.view);
+    to.obey(this);
+    to.face(axis);
+    this.viewer.flyTo(to.toText());
   }
 
   // ---- the panel --------------------------------------------------------------------------------
@@ -527,12 +576,21 @@ export class SlfField extends (globalThis.HTMLElement ?? Object) {
       explain.picked(found);
       if (found) this.tell('pick', found);
     };
+    const hears = this.whole ? globalThis : this, sides = Object.values(this.sides);
+    for (const kind of ['pointerdown', 'wheel', 'keydown'])
+      hears.addEventListener(kind, (event) => this.touched(event), {signal, passive: true});
+    canvas.onpointermove = ({offsetX, offsetY, buttons, pointerType}) =>
+      explain.point(buttons || pointerType === 'touch' ? undefined : [offsetX, offsetY]);
+    canvas.onpointerleave = () => explain.point();
     attach(canvas, camera, {
-      moved, tap, signal, nearer: (x, y) => viewer.approach(x, y),
-      hears: this.whole ? globalThis : this,
+      over: [byId('notes'), byId('views')], moved, tap, signal,
+      nearer: (x, y) => viewer.approach(x, y),
+      hears,
       wheels: () => this.alone || this.shadowRoot.activeElement && document.hasFocus(),
       keys: {r: reset, f: fill, h: () => this.toggle('settings'), l: () => this.toggle('parts'),
-             ' ': spin, c: () => viewer.field.shape.hasDepth && this.handles.toggle(),
+             ...Object.fromEntries(sides.map((axis, k) => [k + 1, () => this.lookFrom(axis)])),
+             t: () => explain.tour(), ' ': spin,
+             c: () => viewer.field.shape.hasDepth && this.handles.toggle(),
              m: () => explain.use('ruler'), p: () => this.play(),
              ',': () => this.showState(viewer.field.state - 1),
              '.': () => this.showState(viewer.field.state + 1),
@@ -626,4 +684,18 @@ export class SlfField extends (globalThis.HTMLElement ?? Object) {
   }
 }
 
+for (const [name, usual] of Object.entries(kHabits)) {
+  const attribute = name.replace(/[A-Z]/g, (letter) => `-${letter.toLowerCase()}`);
+  Object.defineProperty(SlfField.prototype, name, {
+    get() {
+      const text = this.getAttribute(attribute), number = parseFloat(text);
+      return typeof usual === 'boolean' ? text !== null && text !== 'false'
+        : typeof usual === 'string' ? text ?? usual : Number.isNaN(number) ? usual : number;
+    },
+    set(value) {
+      if ([false, null, undefined].includes(value)) this.removeAttribute(attribute);
+      else this.setAttribute(attribute, value === true ? '' : value);
+    },
+  });
+}
 if (document && !customElements.get('slf-field')) customElements.define('slf-field', SlfField);

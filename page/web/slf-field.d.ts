@@ -7,13 +7,51 @@ export interface Pick {
   uncertainty: number;
 }
 
+/** How the element behaves: attributes with these names, with dashes, and properties. */
+export interface Habits {
+  /** Turns slowly after `autoRotateDelay` milliseconds without use; not where motion is reduced. */
+  autoRotate: boolean;
+  autoRotateDelay: number;
+  /** Degrees. */
+  rotationPerSecond: number;
+  /** What bounds zooming, in radii of the field's sphere; views that are given may be beyond. */
+  minDistance: number;
+  maxDistance: number;
+  /** What bounds turning, in degrees. */
+  minElevation: number;
+  maxElevation: number;
+  disableZoom: boolean;
+  disablePan: boolean;
+  /** `none`: the picture alone. */
+  controls: string;
+  /** `none`: no hint for first visitors. */
+  interactionPrompt: string;
+  /** Plays the saved views one after another; the number of seconds for each. */
+  tour: string | boolean;
+}
+
+export interface SlfFieldEventMap {
+  ready: CustomEvent<null>;
+  /** How much has come of the first view: 0 to 1. */
+  progress: CustomEvent<{totalProgress: number}>;
+  camera: CustomEvent<{view: string}>;
+  /** Other properties that changed. */
+  change: CustomEvent<{names: string[]}>;
+  pick: CustomEvent<Pick>;
+  error: CustomEvent<{message: string, error: unknown}>;
+}
+
 /**
  * `<slf-field src="field.slf" poster="poster.jpg" view="30,20,3" views="views.json">`, and for a
  * field of structures `structures="left lobe,stem:0.3:#ffd0b0"`, where %2C is a comma of a name.
- *
- * Events: `ready`, `camera` (detail: `{view}`), `change` (detail: `{names}` of other properties that
- * changed), `pick` (detail: Pick), `error` (detail: `{message}`).
  */
+export interface SlfField extends Habits {
+  addEventListener<K extends keyof SlfFieldEventMap>(
+    type: K, listener: (this: SlfField, event: SlfFieldEventMap[K]) => void,
+    options?: boolean | AddEventListenerOptions): void;
+  addEventListener(type: string, listener: EventListenerOrEventListenerObject,
+                   options?: boolean | AddEventListenerOptions): void;
+}
 export class SlfField extends HTMLElement {
   /**
    * Turns the camera to "azimuth,elevation,distance", perhaps with a target: degrees, and radii of
@@ -60,6 +98,12 @@ export class SlfField extends HTMLElement {
   /** What a place of the element shows, in CSS pixels; null where nothing opaque is shown. */
   pick(x: number, y: number): Pick | null;
 }
+
+/** What JSX and templates may set. */
+export type SlfFieldAttributes = Partial<Habits> & {
+  src?: string, poster?: string, views?: string, view?: string, state?: string | number,
+  structures?: string | string[], clip?: string | string[] | number[][], cap?: string,
+};
 
 declare global {
   interface HTMLElementTagNameMap {

@@ -42,17 +42,19 @@ export const kTexts = {
   keys: [`Arrow keys turn the view, plus and minus zoom, Shift with arrow keys moves it, R resets
     it, Space turns it by itself, F fills the screen, H hides the panel, L the list of structures,
     Page Up and Page Down show the saved views, M measures, P plays the states of the object, comma
-    and period step through them, C cuts the object by a plane.`,
+    and period step through them, C cuts the object by a plane, T plays the saved views, digits look
+    along an axis.`,
     `Pfeiltasten drehen die Ansicht, Plus und Minus zoomen, Umschalt mit Pfeiltasten verschiebt sie,
     R setzt sie zurück, Leertaste dreht sie von selbst, F füllt den Bildschirm, H blendet die Leiste
     aus, L die Liste der Strukturen, Bild auf und Bild ab zeigen die gespeicherten Ansichten, M
     misst, P spielt die Zustände des Objekts ab, Komma und Punkt schalten sie weiter, C schneidet
-    das Objekt mit einer Ebene.`,
+    das Objekt mit einer Ebene, T spielt die gespeicherten Ansichten ab, Ziffern sehen entlang einer
+    Achse.`,
     `Les flèches tournent la vue, plus et moins zooment, Maj avec les flèches la déplace, R la
     réinitialise, Espace la fait tourner seule, F remplit l’écran, H masque le panneau, L la liste
     des structures, Page haut et Page bas montrent les vues enregistrées, M mesure, P fait défiler
-    les états de l’objet, virgule et point passent de l’un à l’autre, C coupe l’objet par un
-    plan.`],
+    les états de l’objet, virgule et point passent de l’un à l’autre, C coupe l’objet par un plan, T
+    fait défiler les vues enregistrées, les chiffres montrent un côté.`],
   planes: ['Planes that cut the object', 'Ebenen, die das Objekt schneiden',
     'Plans qui coupent l’objet'],
   plane: [`Plane {0}: arrow keys move it, with Shift they tilt it, Home snaps it to an axis, Enter
@@ -80,6 +82,13 @@ export const kTexts = {
     'Échelle : la barre mesure {0}'],
   scaleAt: ['{0}, on the surface in the middle', '{0}, auf der Oberfläche in der Mitte',
     '{0}, sur la surface au milieu'],
+  drag: ['Drag to turn · wheel to zoom · Shift and drag to move',
+    'Ziehen dreht · das Rad zoomt · Ziehen mit Umschalt verschiebt',
+    'Glissez pour tourner · molette pour zoomer · Maj pour déplacer'],
+  touch: ['Drag to turn · pinch to zoom · two fingers move it',
+    'Ziehen dreht · zwei Finger zoomen und verschieben',
+    'Glissez pour tourner · deux doigts pour zoomer et déplacer'],
+  side: ['Look from {0} ({1})', 'Von {0} aus sehen ({1})', 'Vue depuis {0} ({1})'],
   // Structures
   structures: ['Structures', 'Strukturen', 'Structures'],
   listOf: ['List of structures', 'Liste der Strukturen', 'Liste des structures'],
@@ -101,6 +110,7 @@ export const kTexts = {
     'Ce champ n’a pas de structure {0}.'],
   // Saved views
   views: ['Saved views', 'Gespeicherte Ansichten', 'Vues enregistrées'],
+  tour: ['Play the tour', 'Rundgang abspielen', 'Lire la visite'],
   pageUp: ['Page Up', 'Bild auf', 'Page haut'],
   pageDown: ['Page Down', 'Bild ab', 'Page bas'],
   previous: ['Previous view', 'Vorige Ansicht', 'Vue précédente'],

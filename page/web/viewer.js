@@ -27,8 +27,8 @@ const kMaxSmall = 4096;        // tiles of level 0 that may be loaded whole
 const kFlight = 1200;          // milliseconds that the camera takes from one view to another
 
 export class Viewer {
-  // All work ends when `signal` is aborted. `on` has functions: shown() after each picture,
-  // moved(), settled(), lost(), say(text), failed(error). `state`:
+  // All work ends when `signal` is aborted. `on` is the <slf-field>, with its habits, and functions:
+  // shown() after each picture, moved(), settled(), lost(), say(text), failed(error). `state`:
   //
   //   opening ── begin() ──> loading <──────> settled       asking: for a file, while opening
   //     ^                       └──> lost <──────┘          failed: for good; `message` says why
@@ -39,6 +39,7 @@ export class Viewer {
     signal.addEventListener('abort', () => this.dispose());
     this.version = 0;        // counts changes of the view
     this.movedAt = -1e9;
+    this.touchedAt = performance.now();
     this.ceiling = 99;
     this.reached = -1;       // the finest level of the view that was shown
     this.fading = 0;         // frames until the canvas shows what was drawn beside it
@@ -214,13 +215,16 @@ export class Viewer {
   }
   // Flies nearer to what is shown at a place, about which the camera turns from then on.
   approach(x, y) {
-    const [found] = this.probe([[x, y]]), to = new Camera(this.camera.toText());
-    if (found) Object.assign(to, {target: found.point, distance: found.distance});
+    const [found] = this.probe([[x, y]]), to = new Camera(this.camera.toText()), {on} = this;
+    if (on.disableZoom) return;
+    to.obey(on);
+    if (found && !on.disablePan) Object.assign(to, {target: found.point, distance: found.distance});
     to.zoom(kNearer);
     this.flyTo(to.toText());
   }
   // Ends a flight where it is.
   halt() {
+    this.touchedAt = performance.now();
     this.flight?.done();
     this.flight = undefined;
   }
@@ -261,6 +265,18 @@ export class Viewer {
     const {canvas} = this, ratio = canvas.width / canvas.clientWidth;
     return this.renderer.probe(this.view(), places.map(([x, y]) => [x * ratio, y * ratio]));
   }
+  // Resolves to the name of the structure that is first at a result of probe().
+  async structureAt({point}) {
+    const {field, camera, loader} = this, {layers, structures, shape} = field, {level} = this.view();
+    if (structures.length === 0) return '';
+    const {page, number} = field.sampleAt(level, camera.axes(1, 1).eye, point);
+    const tiles = await Promise.all(loader.reader.read(field.inFile([page])));
+    const opaque = ({color}) =>  // half floats from 0.5 on have this high byte
+      shape.half ? color?.[8 * number + 7] >= 0x38 : color?.[4 * number + 3] >= 128;
+    const depths = tiles.map((tile) => opaque(tile) ? tile.depth[number] : Infinity);
+    const first = Math.min(...depths);
+    return first < Infinity ? structures[layers[depths.indexOf(first)].state] : '';
+  }
   // As slf pick: {point, depth, uncertainty} in world units, or null where nothing opaque is shown.
   pick(x, y) {
     const {canvas, camera, field} = this, {center, radius} = field.manifest.sphere, {shape} = field;
@@ -288,7 +304,10 @@ export class Viewer {
     if (!this.draws) return;
     if (this.flight) this.fly(now);
     if (!this.seen) return;
-    if (!this.flight && this.camera.advance(elapsed / 1000)) this.moved();
+    const idle = this.complete && this.on.autoRotate && !calm.matches && !this.on.explain.tours &&
+      now - this.touchedAt > this.on.autoRotateDelay;
+    if (!this.flight && this.camera.advance(elapsed / 1000, idle ? this.on.rotationPerSecond : 0))
+      this.moved();
     if (now - (this.rateFrom ?? 0) > 500) {
       this.rate = this.moves(now) ? this.frames * 1000 / (now - this.rateFrom) : 0;
       this.frames = 0;

@@ -2089,10 +2089,11 @@ globalThis.right = document.getElementById('a') instanceof SlfField;""")
                 self.assertNotIn("errora", page.run("heard"))
                 page.close()
 
-    def embedded(self, host, body, width=600, height=600):
+    def embedded(self, host, body, width=600, height=600,
+                 script='<script src="page.js" defer></script>'):
         """A page of one's own beside the field of site(), once its script has run."""
         with open(os.path.join(host.folder, "own.html"), "w") as file:
-            file.write(f"""<!doctype html><title>Own</title><script src="page.js" defer></script>
+            file.write(f"""<!doctype html><title>Own</title>{script}
 <style>body {{ margin: 0 }} slf-field {{ width: 240px; height: 160px }}</style>{body}""")
         page = self.browser.open("about:blank", width, height)
         page.call("Page.addScriptToEvaluateOnNewDocument", source="""globalThis.wrong = [];
@@ -2236,6 +2237,140 @@ globalThis.right = document.getElementById('a') instanceof SlfField;""")
                 self.assertEqual(page.run(f"{prevented}('{key}')"), taken, key)
             page.close()
 
+    def test_limits_bound_what_hands_do(self):
+        with Host(self.site()) as host:
+            page = self.embedded(host, "<slf-field src='field.slf' view='30,20,3' min-distance='2'"
+                                       " max-elevation='40' disable-pan></slf-field>")
+            self.settled(page)
+            camera = "one().viewer.camera"
+            page.run(f"now('picture').focus(), {camera}.turn(0, 80), {camera}.zoom(0.1), "
+                     f"{camera}.pan(1, 1), 0")
+            self.assertEqual(page.run("one().view"), "30,40,2")
+            page.run("one().lookFrom([0, 0, 1])")
+            page.wait("one().view === '0,40,2'", 10)
+            # Views that are given may be beyond; attributes and properties may change.
+            page.run("one().view = '30,60,1.5', 0")
+            self.assertEqual(page.run("one().view"), "30,60,1.5")
+            page.run("one().disableZoom = true, one().maxElevation = 70, one().disablePan = false, "
+                     f"{camera}.zoom(0.5), {camera}.turn(0, 50), {camera}.pan(0.1, 0), 0")
+            self.assertRegex(page.run("one().view"), r"^30,70,1.5,[\d.,-]+$")
+            self.assertEqual(page.run("[one().hasAttribute('disable-pan'), "
+                                      "one().getAttribute('max-elevation')]"), [False, "70"])
+            page.close()
+
+    def test_an_element_turns_by_itself_until_it_is_used(self):
+        with Host(self.site()) as host:
+            page = self.embedded(host, "<slf-field src='field.slf' auto-rotate"
+                                       " auto-rotate-delay='300'></slf-field>")
+            page.run("""globalThis.told = []; one().addEventListener('progress',
+                ({detail}) => told.push(detail.totalProgress))""")
+            page.wait("one().viewer?.complete", 60)
+            self.assertTrue(page.run("!now('hint').hidden && now('hint').textContent.length > 20"))
+            page.wait("one().view !== '30,20,3'", 20)
+            page.run("one().autoRotateDelay = 1e6, now('picture').dispatchEvent("
+                     "new WheelEvent('wheel', {bubbles: true, composed: true})), 0")
+            before = page.run("one().view")
+            self.settled(page)
+            self.assertEqual(page.run("one().view"), before)
+            self.assertTrue(page.run("now('hint').hidden"))
+            told = page.run("told")
+            self.assertEqual((told[-1], told), (1, sorted(told)))
+            page.run("localStorage.removeItem('slfPrompted')")
+            page.call("Emulation.setEmulatedMedia", features=[
+                {"name": "prefers-reduced-motion", "value": "reduce"}])
+            page.run("one().autoRotateDelay = 100, 0")
+            time.sleep(0.5)
+            self.assertEqual(page.run("one().view"), before)
+            page.close()
+
+    def test_a_tour_plays_saved_views_and_their_states(self):
+        states = json.loads(slf("info", self.stated(), "--json"))["states"]
+        names = [one["name"] if isinstance(one, dict) else one for one in states]
+        views = {"views": [{"title": f"View {i}", "orbit": [60 * i, 10, 3],
+                            "state": names[i % len(names)]} for i in range(3)]}
+        with self.explained(views, self.stated()) as server:
+            page = self.browser.open(server.url, SIZE, SIZE)
+            page.settle()
+            page.run("document.querySelector('slf-field').tour = 0.1, 0")
+            for i in [1, 2, 0]:
+                page.wait(f"slf.camera.toText() === '{60 * i},10,3' && "
+                          f"slf.field.state === {i % len(names)}", 60)
+            self.press(page, "ArrowLeft")
+            self.assertEqual(page.run("[slf.root.getElementById('tour').ariaPressed, "
+                                      "slf.root.host.explain.tours]"), ["false", False])
+            self.assertIn("state", page.run("slf.root.host.explain.currentView()"))
+            page.close()
+            views["views"][0]["state"] = "none of them"
+            with open(path("views.json"), "w") as file:
+                json.dump(views, file)
+            done = subprocess.run([SLF, "view", "--views", path("views.json"), self.stated()],
+                                  capture_output=True, text=True)
+            self.assertIn("none of them", done.stderr)
+
+    def test_letters_of_the_compass_and_what_lies_on_the_picture(self):
+        found = json.loads(slf("pick", self.fields[0], "--orbit", "30,20,3", "--size", "256x256",
+                               "128,128", "--json"))["point"]
+        notes = [{"label": "A note", "text": "x", "point": found}]
+        with self.explained({"notes": notes}) as server:
+            page = self.browser.open(server.url, 640, 640)
+            page.settle()
+            mouse = lambda kind, x, y, **more: page.call(
+                "Input.dispatchMouseEvent", type=kind, x=x, y=y, **more)
+            mouse("mouseMoved", 300, 320)
+            page.wait("!slf.root.getElementById('under').hidden", 10)
+            said = page.run("slf.root.getElementById('under').textContent").split(", ")
+            self.assertEqual(len([float(one) for one in said]), 3)
+            # The wheel over a note, a drag that begins there, and a click, which opens it.
+            x, y = page.run("""(({x, y, width, height}) => [x + width / 2, y + 20])(
+                slf.root.querySelector('.note').getBoundingClientRect())""")
+            mouse("mouseWheel", x, y, deltaX=0, deltaY=200)
+            page.wait("slf.camera.distance > 3", 10)
+            x, y = page.run("""(({x, y, width, height}) => [x + width / 2, y + 20])(
+                slf.root.querySelector('.note').getBoundingClientRect())""")
+            self.drag(page, (x, y), (x + 80, y))
+            page.wait("slf.camera.azimuth !== 30", 10)
+            self.assertTrue(page.run("slf.root.querySelector('.note p').hidden"))
+            page.run("slf.root.getElementById('marks').click()")
+            for number, (letter, view) in enumerate(
+                    [("x", "90,0"), ("y", "180,0"), ("z", "0,90")]):
+                x, y = page.run(f"""(({{x, y, width, height}}) => [x + width / 2, y + height / 2])(
+                    [...slf.root.querySelectorAll('#compass span')].find(({{textContent}}) =>
+                      textContent === '{letter}').getBoundingClientRect())""")
+                for kind in ["mousePressed", "mouseReleased"]:
+                    mouse(kind, x, y, button="left", clickCount=1)
+                page.wait(f"slf.camera.toText().startsWith('{view},')", 20)
+                page.run("slf.root.host.view = '30,20,3', 0")
+                self.press(page, str(number + 1))
+                page.wait(f"slf.camera.toText() === '{view},3'", 20)
+                page.run("slf.root.host.view = '30,20,3', 0")
+            page.close()
+
+    def test_names_the_structure_under_the_pointer(self):
+        field = self.structured()
+        with Server(field) as server:
+            page = self.browser.open(server.url, SIZE, SIZE)
+            page.settle()
+            names = page.run("slf.field.structures")
+            seen = set()
+            # What is named is what is seen: shown alone, it has the same surface there.
+            for x, y in [(SIZE // 4, SIZE // 2), (SIZE * 7 // 10, SIZE // 2)]:
+                page.run("slf.root.host.structures = ['*'], 0")
+                page.wait("slf.field.layers.length > 1 && slf.state === 'settled'")
+                page.call("Input.dispatchMouseEvent", type="mouseMoved", x=x, y=y)
+                page.wait("slf.root.getElementById('under').textContent.includes('·')", 20)
+                name = page.run("slf.root.getElementById('under').textContent").split(" · ")[0]
+                self.assertIn(name, names)
+                depth = page.run(f"slf.probe([[{x}, {y}]])[0].distance")
+                page.run(f"slf.root.host.structures = [{json.dumps(name)}], 0")
+                page.wait("slf.field.layers.length === 1 && slf.state === 'settled'")
+                self.assertAlmostEqual(page.run(f"slf.probe([[{x}, {y}]])[0].distance"), depth,
+                                       delta=0.02)
+                seen.add(name)
+                page.call("Input.dispatchMouseEvent", type="mouseMoved", x=2, y=2)
+                page.wait("slf.root.getElementById('under').hidden", 10)
+            self.assertGreater(len(seen), 1)
+            page.close()
+
     def test_an_element_says_what_is_wrong(self):
         with Host(self.site()) as host, Host(self.site()) as foreign:  # without CORS
             page = self.embedded(host, "<slf-field></slf-field>")
@@ -2269,6 +2404,92 @@ globalThis.right = document.getElementById('a') instanceof SlfField;""")
                                "console.log(SlfField);"], cwd=folder, capture_output=True,
                               text=True)
         self.assertEqual((done.stdout, done.stderr), ("undefined\n", ""))
+
+    REACT = """import 'slf-field';
+        import {useState} from 'react';
+        import {renderToString} from 'react-dom/server.browser';
+        import {hydrateRoot} from 'react-dom/client';
+        function App() {
+          const [given, give] = useState({view: '60,10,3', 'min-distance': 2});
+          globalThis.give = give;
+          return <slf-field src="field.slf" {...given}
+                            onready={() => { globalThis.heard = true; }}/>;
+        }
+        if (globalThis.document) hydrateRoot(document.querySelector('main'), <App/>);
+        else console.log(renderToString(<App/>));"""
+    VUE = """import 'slf-field';
+        import {createSSRApp, h, ref} from 'vue';
+        import {renderToString} from 'vue/server-renderer';
+        const given = ref({view: '60,10,3', 'min-distance': 2});
+        globalThis.give = (value) => { given.value = value; };
+        const app = createSSRApp({render: () => h('slf-field', {
+          src: 'field.slf', ...given.value, onReady() { globalThis.heard = true; }})});
+        if (globalThis.document) app.mount('main');
+        else renderToString(app).then(console.log);"""
+    TYPES = """import type {} from 'slf-field/react';
+        import {SlfField} from 'slf-field';
+        export const shown = <slf-field src="a.slf" autoRotate minDistance={2} tour="6"
+          onprogress={({detail}) => detail.totalProgress.toFixed()}/>;
+        document.querySelector('slf-field')!.addEventListener('camera', ({detail}) =>
+          detail.view.trim());
+        // @ts-expect-error
+        export const wrong = <slf-field minDistance="near"/>;
+        export const one: SlfField | null = null;"""
+
+    def test_the_element_in_react_and_vue(self):
+        """Rendered on a server, hydrated in a browser, and changed there."""
+        for program in ["npm", "node", "esbuild"]:
+            if not shutil.which(program):
+                self.skipTest(f"no {program}")
+        site = self.site()
+        for name, source, packages in [
+                ("react18", self.REACT, ["react@18", "react-dom@18"]),
+                ("react19", self.REACT, ["react@19", "react-dom@19", "@types/react@19",
+                                         "typescript@5"]),
+                ("vue3", self.VUE, ["vue@3"])]:
+            folder = path(name)
+            os.makedirs(folder, exist_ok=True)
+            if not os.path.exists(os.path.join(folder, "node_modules")) and subprocess.run(
+                    ["npm", "install", "--silent", "--no-audit", "--no-fund", "--prefix", folder,
+                     *packages], timeout=180).returncode:
+                self.skipTest(f"npm cannot install {name} here: its registry does not answer")
+            package = os.path.join(folder, "node_modules", "slf-field")
+            shutil.rmtree(package, ignore_errors=True)
+            os.makedirs(package)
+            subprocess.run([os.path.join(ROOT, "scripts/npm-package"), SLF, folder], check=True)
+            found, = [one for one in os.listdir(folder) if one.endswith(".tgz")]
+            subprocess.run(["tar", "-C", package, "--strip-components=1", "-xzf",
+                            os.path.join(folder, found)], check=True)
+            with open(os.path.join(folder, "app.jsx"), "w") as file:
+                file.write(source)
+            for platform, output in [("node", path(f"{name}/app.cjs")),
+                                     ("browser", os.path.join(site, name + ".js"))]:
+                subprocess.run(["esbuild", "app.jsx", "--bundle", "--jsx=automatic",
+                                "--log-level=error", f"--platform={platform}",
+                                '--define:process.env.NODE_ENV="development"',
+                                f"--outfile={output}"], cwd=folder, check=True)
+            server = subprocess.run(["node", "app.cjs"], cwd=folder, capture_output=True, text=True)
+            with self.subTest(name), Host(site) as host:
+                self.assertEqual(server.stderr, "")
+                self.assertRegex(server.stdout,
+                                 '^<slf-field src="field.slf" view="60,10,3" min-distance="2">')
+                page = self.embedded(host, f"<main>{server.stdout.strip()}</main>"
+                                           f"<script src={name}.js></script>", script="")
+                self.settled(page)
+                self.assertEqual(page.run("[one().view, one().minDistance]"), ["60,10,3", 2])
+                if name != "react18":  # it knows no events of elements
+                    self.assertTrue(page.run("globalThis.heard"))
+                page.run("give({view: '20,0,2.5', 'auto-rotate': ''}), 0")
+                page.wait("one().view === '20,0,2.5' && one().autoRotate", 10)
+                self.assertEqual(page.run("[one().minDistance, wrong]"), [1.02, []])
+                page.close()
+        with open(path("react19/types.tsx"), "w") as file:
+            file.write(self.TYPES)
+        checked = subprocess.run(
+            ["node_modules/.bin/tsc", "--noEmit", "--strict", "--jsx", "react-jsx", "--module",
+             "nodenext", "--target", "es2022", "types.tsx"], cwd=path("react19"),
+            capture_output=True, text=True)
+        self.assertEqual(checked.stdout, "")
 
     def test_a_page_says_what_it_is_about(self):
         about = {"title": "<A> brain", "author": "A. Author", "licence": "CC BY 4.0",
@@ -2365,7 +2586,7 @@ globalThis.right = document.getElementById('a') instanceof SlfField;""")
         markup = re.sub(r"<[^>]*>|\{\w+\}|srgb|depth|bitri", " ", self.markup())
         self.assertNotRegex(markup, r"\w{2}")
         for value in re.findall(r'(?:aria-label|title|placeholder|alt)="([^"]*)"', self.markup()):
-            self.assertRegex(value, r"^(\{\w+\}|[A-Z]|)$")
+            self.assertRegex(value, r"^(\{\w+\}( \(\w\))?|[A-Z]|)$")
         for name, code in self.scripts().items():
             if name == "module.js":  # messages of the module, as those of its C++, are English
                 continue
@@ -2408,8 +2629,8 @@ globalThis.right = document.getElementById('a') instanceof SlfField;""")
                     self.assertIn(re.sub(r"\n *", " ", texts[name][number]), found)
                 # What is the same in both is the same in the table, or comes from the field.
                 same = {row[0] for row in texts.values() if row[0] == row[number]}
-                data = re.compile(r"[^a-z]*$|srgb|depth|bitri|Foo|volume|rgb|\d+:|structured|core|"
-                                  r".* lobe|skin|[A-Z]$|.*, H$|\d+ MiB|.* [KM]iB")
+                data = re.compile(r"[^a-z]*$|[xyz]$|srgb|depth|bitri|Foo|volume|rgb|\d+:|core|"
+                                  r".* lobe|stem, white|Default labels|labels.raw|field.slf|.* [KM]iB")
                 left = [one for one in set(found) & set(english[0]) - same if not data.match(one)]
                 self.assertEqual(left, [])
 
