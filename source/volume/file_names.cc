@@ -80,7 +80,8 @@ std::string partner_of(const std::string& path, std::string_view ending) {
     return alike;
   for (const std::string_view packing : kPackedEndings)
     if (std::string packed = plain + std::string(packing); fs::exists(packed, code)) return packed;
-  return plain;
+  const fs::path file = plain;
+  return FileFinder(file.parent_path()).find(file.filename()).value_or(plain);
 }
 
 }  // namespace slf::volume_io

@@ -250,6 +250,7 @@ Result<Volume> stack(const std::string& path, std::vector<std::string> files,
     volume.notes.push_back(
         concat("left out ", left_out, " of ", files.size(), " pictures: ", broken->message));
   volume.type = kind->type;
+  volume.slope = kind->slope, volume.intercept = kind->intercept;
   volume.files = std::move(used);
   volume.dims = SLF_TRY(check_dims(path, {kind->width, kind->height, slices}));
   if (!options.spacing)

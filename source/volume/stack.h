@@ -16,7 +16,8 @@ struct SliceKind {
   std::uint32_t width = 0, height = 0;
   std::uint32_t components = 1;
   ScalarType type = ScalarType::u8;
-  bool alpha = false;  ///< the last component is opacity
+  bool alpha = false;               ///< the last component is opacity
+  double slope = 1, intercept = 0;  ///< of values
   bool operator==(const SliceKind&) const = default;
 };
 

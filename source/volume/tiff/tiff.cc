@@ -312,7 +312,9 @@ Result<std::set<std::string>> files_of_tiff_set(const std::string& path) {
 Result<std::uint64_t> append_tiff(const std::string& path, const VolumeOptions& options,
                                   std::optional<SliceKind>& kind, std::vector<std::byte>& voxels) {
   auto stack = SLF_TRY(survey(path, options));
-  SLF_TRY(same_kind(path, stack.kind, kind));
+  SliceKind own = stack.kind;
+  own.slope = stack.d.slope, own.intercept = stack.d.intercept;
+  SLF_TRY(same_kind(path, own, kind));
   if (stack.d.z == 0) stack.d.z = stack.pages;
   if (!has_counted_pages(stack) && !stack.d.of_several) return wrong_count(path, stack);
   const auto time = SLF_TRY(choose(path, options.time, stack.d.times, "time point"));

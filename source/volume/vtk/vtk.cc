@@ -305,7 +305,8 @@ Result<void> read_text(const Array& array, std::uint32_t component, Volume& volu
 }  // namespace
 
 bool looks_like_vtk(std::string_view head) {
-  return lower_case(head.substr(0, 32)).starts_with("# vtk datafile version");
+  return lower_case(without_byte_order_mark(head).substr(0, 32))
+      .starts_with("# vtk datafile version");
 }
 
 Result<Volume> read_vtk(const std::string& path, std::string_view, const VolumeOptions& options) {

@@ -252,6 +252,11 @@ TEST(VolumeTiff, ImageJCalibratesValuesAndNamesUnits) {
   EXPECT_EQ(read("cf=0\nc0=3\nc1=0.5\n").slope, 0.5);
   EXPECT_EQ(read("cf=3\nc0=3\nc1=0.5\n").slope, 1);  // another function
   EXPECT_EQ(read("unit=um\nzunit=mm\n").spacing(), glm::dvec3(1, 2, 2000));
+  const Folder slices;
+  for (const std::uint32_t k : {0u, 1u, 2u})
+    write_tiff(slices, std::to_string(k) + ".tif",
+               {.description = "ImageJ=1.53t\nc0=-32768.0\nc1=1.0\n", .pages = {k}});
+  EXPECT_EQ(expect_read(slices.path()).intercept, -32768);
 }
 
 // Beyond 4 GiB ImageJ writes one page, and the voxels of all the others after its own.

@@ -308,6 +308,9 @@ TEST(Volume, DetachedNifti) {
   const auto whole = nifti({.vox_offset = 0, .magic = "i"});
   folder.write("a.img", whole.substr(352));
   expect_phantom(expect_read(folder.write("a.hdr", whole.substr(0, 348))), ScalarType::u8);
+  folder.write("b.IMG", whole.substr(352));  // in another case
+  expect_phantom(expect_read(folder.write("b.hdr", whole.substr(0, 348))), ScalarType::u8);
+  expect_phantom(expect_read(folder.path("b.IMG")), ScalarType::u8);
 }
 
 TEST(Volume, NrrdWithoutSpaceIsPlacedBySpacingsAndMins) {

@@ -60,6 +60,7 @@ TEST(VolumeVtk, OtherAttributesOldKeywordsAndLineEnds) {
   };
   // Without a look-up table, with one, and in capitals or not.
   expect(vtk("BINARY", "POINT_DATA 60\nSCALARS a unsigned_char\n" + voxels));
+  expect("\xEF\xBB\xBF" + vtk("BINARY", scalars(ScalarType::u8, false)));
   expect(vtk("ASCII", "point_data 60\nscalars a unsigned_char 1\nlookup_table t\n" + text("\r\n")));
   expect(vtk("BINARY", "POINT_DATA 60\nFIELD FieldData 1\na 1 60 unsigned_char\n" + voxels + "\n"));
   expect(vtk("BINARY",
