@@ -2,13 +2,11 @@
 
 import {kDamaged, kEmpty as kEmptyTile, kStored} from './field.js';
 import {Reader} from './reader.js';
-import {kEmpty, kFirstSlot, kMaxParts, kMissing, kNotLoaded, kPartBit} from './shader.js';
+import {kEmpty, kFirstSlot, kMissing, kNotLoaded} from './shader.js';
 import {Composer} from './structures.js';
 
 const kBatch = 96;    // tiles that are loaded together while the view moves
 const kBatches = 2;   // batches at a time: one is fetched while another is decoded
-const kAtOnce = 16;   // tiles that are completed at once, when the view begins to move
-const kAll = [...Array(kMaxParts).keys()];  // parts of a tile
 
 // Loads the tiles that want() names, in their order, into the slots of the renderer.
 export class Loader {
@@ -17,17 +15,14 @@ export class Loader {
     Object.assign(this, {field, onError});
     this.reader = new Reader(field, decoders, async (tile) => {
       await this.opened;
-      if (!this.composes && !this.still) this.place(tile, false);
-    }, (tile) => this.fill(this.pageOf(tile), kAll, tile));
+      if (!this.composes) this.place(tile, false);
+    });
     this.composer = new Composer(field, this.reader, decoders);
     this.composes = field.structures.length > 0;
     this.pages = new Uint16Array(field.shape.pages);  // as the GPU's page table
     this.loading = new Set();
     this.plan = [];
     this.used = new Map();  // page with a slot → when it was last needed; the oldest first
-    this.wanted = new Map();   // page → the numbers of its parts that the view needs
-    this.partial = new Map();  // page with a slot that lacks parts → for each part, whether it is
-                               // there. The reader keeps its tile; if it drops that, it is filled.
     this.opened = new Promise((done) => { this.open = done; });
     this.now = 0;
     this.damaged = 0;
@@ -50,7 +45,6 @@ export class Loader {
     this.open();
     this.pages.fill(kNotLoaded);
     this.used.clear();
-    this.partial.clear();
     this.free = Array.from({length: renderer.slots}, (_, i) => renderer.slots - 1 - i);
   }
 
@@ -68,26 +62,15 @@ export class Loader {
     this.restart(this.renderer);
   }
 
-  // Replaces the plan. A want is a page: all of its tile; with k × 2^kPartBit, part k - 1 of it.
-  // `whole`: these are all that a view needs, which does not move: so they are loaded as one batch,
-  // and no other parts of tiles. Returns how many of the pages are not loaded yet.
-  want(wants, whole = false) {
+  // Replaces the plan. `whole`: the pages are all that a view needs, so they are loaded as one
+  // batch. Returns how many of the pages are not loaded yet.
+  want(pages, whole = false) {
     ++this.now;
-    this.still = whole;
-    this.wanted.clear();
-    for (const want of wants) {
-      const page = want % 2 ** kPartBit, part = Math.floor(want / 2 ** kPartBit) - 1;
-      if (part < 0) this.wanted.set(page, kAll);
-      else if (!this.wanted.has(page)) this.wanted.set(page, [part]);
-      else if (this.wanted.get(page) !== kAll) this.wanted.get(page).push(part);
-    }
     const absent = [];
-    let rest = whole ? 0 : kAtOnce;
-    for (const [page, parts] of this.wanted) {
+    for (const page of pages) {
       const held = this.pages[page];
       if (held === kNotLoaded) absent.push(page);
       else if (this.used.delete(page)) this.used.set(page, this.now);
-      this.fill(page, this.partial.has(page) && rest-- > 0 ? kAll : parts);
     }
     this.plan = absent.filter((page) => !this.loading.has(page));
     while (this.batches < kBatches && this.plan.length > 0)
@@ -125,8 +108,9 @@ export class Loader {
 
   // Puts a tile into a slot. `needed`: the view needs it, not only tiles that are predicted from
   // it.
-  place(tile, needed = true) {
-    const page = this.pageOf(tile), {state, color, depth} = tile;
+  place({page: inFile, state, color, depth}, needed = true) {
+    // Of another state, it is not on the GPU.
+    const page = inFile - this.field.state * this.field.shape.pages;
     if (this.pages[page] !== kNotLoaded) return;
     this.damaged += state === kDamaged;
     let value = state === kEmptyTile ? kEmpty : kMissing;
@@ -136,30 +120,12 @@ export class Loader {
         this.full ||= needed;
         return;
       }
-      const parts = this.still && !this.composes && this.reader.cache.get(tile.page) === tile
-        ? this.wanted.get(page) : undefined;
+      this.renderer.setTile(slot, color, depth);
       value = slot + kFirstSlot;
-      this.partial.set(page, new Uint8Array(kMaxParts));
-      this.pages[page] = value;
-      this.fill(page, parts ?? kAll, tile);
       this.used.set(page, this.now);
     }
     this.pages[page] = value;
     this.renderer.setPage(page, value);
-    ++this.arrivals;
-  }
-
-  // The page of a tile in the state that is shown. Others are not on the GPU.
-  pageOf({page}) { return page - this.field.state * this.field.shape.pages; }
-  // Uploads the parts that the slot of a page lacks.
-  fill(page, parts, tile) {
-    const has = this.partial.get(page), lacking = parts.filter((part) => has?.[part] === 0);
-    if (lacking.length === 0) return;
-    const {color, depth} = tile ?? this.reader.cache.get(this.field.inFile([page])[0]);
-    for (const part of lacking) has[part] = 1;
-    this.renderer.setTile(this.pages[page] - kFirstSlot, color, depth,
-                          lacking.sort((a, b) => a - b), has);
-    if (parts === kAll) this.partial.delete(page);
     ++this.arrivals;
   }
 
@@ -171,7 +137,6 @@ export class Loader {
       if (when === this.now) return undefined;
       const slot = this.pages[page] - kFirstSlot;
       this.used.delete(page);
-      this.partial.delete(page);
       this.pages[page] = kNotLoaded;
       this.renderer.setPage(page, kNotLoaded);
       return slot;

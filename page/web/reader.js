@@ -6,7 +6,7 @@ import {kDamaged, kEmpty, kStored} from './field.js';
 // A tile that was read: its `state` and, if it is stored, its `samples`, which `color` and `depth`
 // are the parts of.
 //
-//   absent ── read() ──> coming ── finish(), if it is to be kept ──────────────> kept
+//   absent ── read() ──> coming ── finish(), if others are predicted from it ──> kept
 //     ^                     └─ finish(), if none are; failure        Cache drops it ─┘
 //     └──────────────────────────┴──────────────────────────────────────┘
 class Tile {
@@ -19,10 +19,9 @@ class Tile {
 }
 
 export class Reader {
-  // Calls `onReference` with tiles that were read because others are predicted from them, and
-  // `onDrop` with tiles that are no longer kept.
-  constructor(field, decoders, onReference, onDrop) {
-    Object.assign(this, {field, decoders, onReference, onDrop, cache: decoders.cache});
+  // Calls `onReference` with tiles that were read because others are predicted from them.
+  constructor(field, decoders, onReference) {
+    Object.assign(this, {field, decoders, onReference, cache: decoders.cache});
   }
 
   // Reads pages, and fetches together what it can. One promise of a Tile each.
@@ -102,15 +101,12 @@ export class Reader {
     if (hasDepth) tile.depth = samples.subarray(colors);
   }
 
-  // Keeps a tile that others may be predicted from, or may be the same as; of the others, what
-  // there is room for, because only parts of them go to the GPU.
+  // Keeps a tile that others may be predicted from, or may be the same as.
   finish(tile, isOwn) {
-    const {predicts, shape, states, structures} = this.field, {cache} = this;
-    const bytes = tile.samples.byteLength;
+    const {predicts, shape, states, structures} = this.field;
     if (isOwn && (states.length + structures.length > 1 ||
-                  (predicts && tile.level < shape.levels) ||
-                  (bytes > 0 && cache.bytes + bytes <= cache.budget)))
-      cache.set(tile.page, tile, bytes, () => this.onDrop(tile));
+                  (predicts && tile.level < shape.levels)))
+      this.cache.set(tile.page, tile, tile.samples.byteLength);
     else
       this.cache.remove(tile.page);
     tile.done(tile);

@@ -5,19 +5,17 @@
 import {add} from './camera.js';
 import {kCutTextures} from './march.js';
 import {drawShader, feedbackShader, kCurves, kFade, kVertex} from './shader.js';
-import {kMaskScale, kMaxParts, kPartBit, kTableBits, kTasks} from './shader.js';
+import {kMaskScale, kTableBits, kTasks} from './shader.js';
 import {Told} from './text.js';
 
 const kUnits = ['uTables', 'uPages', 'uColor', 'uDepth', 'uKept', 'uPicture', 'uMask',
-                'uParts', ...kCutTextures];  // of textures
+                ...kCutTextures];  // of textures
 const kTableWidth = 1 << kTableBits;
 const kFeedbackSize = 512;  // rays along an edge of a pass that finds the tiles of a view, at most
 const kFewRays = 128;       // the same for a quick pass, which finds nearly all of them
 const kCells = 64;          // across the picture, that may show different levels
 const kSlope = 1 / 6;       // of a level: the most that two adjacent cells differ by
 const kStrip = 60;          // milliseconds that drawing a strip may take
-const kRowLines = 8;        // lines of texels of a row of a tile, about: parts of tiles are lines
-const kGap = 2;             // lines that cost less than another call
 
 function program(gl, fragment) {
   const result = gl.createProgram();
@@ -139,12 +137,7 @@ export class Renderer {
   makeTiles(budget) {
     const gl = this.gl, {columns, maxRows, half, hasDepth} = this.shape;
     const samples = columns * maxRows;
-    this.bits = Math.max(5, Math.round(Math.log2(columns / kRowLines)));
-    this.partBits = Math.max(0, Math.ceil(Math.log2(2 * maxRows / kMaxParts)));
-    const {exitSide} = this.shape, line = (q) => q * (exitSide + 1) - q * (q - 1) / 2;
-    // Halves of a row have about as many samples. Cubics read a line more on both sides of a cell.
-    this.split = Math.max(2, Math.round((exitSide + 1.5) * (1 - Math.SQRT1_2)));
-    this.halves = [[0, Math.min(columns, line(this.split + 2))], [line(this.split - 1), columns]];
+    this.bits = Math.ceil(Math.log2(Math.sqrt(samples)));
     const width = 1 << this.bits, height = Math.ceil(samples / width);
     const maxSize = gl.getParameter(gl.MAX_TEXTURE_SIZE);
     if (width > maxSize || height > maxSize)
@@ -158,14 +151,11 @@ export class Renderer {
     this.tileWidth = width;
     this.tileHeight = height;
     this.tileBytes = bytes;
-    this.owners = [];  // what the tiles of slots have, as setTile() was told; 'others': it was reused
     const depthLayers = Math.ceil(this.slots / this.tilesPerLayer);
     this.texture(2, gl.TEXTURE_2D_ARRAY, half ? gl.RGBA16F : gl.RGBA8, width,
                  height * this.tilesPerLayer, depthLayers);
     this.texture(3, gl.TEXTURE_2D_ARRAY, gl.R8, hasDepth ? width : 1,
                  hasDepth ? height * this.tilesPerLayer : 1, hasDepth ? depthLayers : 1);
-    this.texture(7, gl.TEXTURE_2D, gl.R8UI, kTableWidth,
-                 Math.ceil(this.slots * kMaxParts / kTableWidth));
   }
 
   // Uploads the tables of the geometry, rows and sections, and an empty page table.
@@ -203,55 +193,24 @@ export class Renderer {
     gl.bindBuffer(gl.PIXEL_PACK_BUFFER, null);
   }
 
-  // Uploads parts of a tile to a slot: their numbers, ascending. `has`, one array for as long as the
-  // slot has the tile, tells for each part whether it is there then. `depth` may be null.
-  setTile(slot, color, depth, parts, has) {
-    const gl = this.gl, {half, columns} = this.shape, {bits, tileWidth} = this;
+  // Uploads the samples of a tile to a slot. `depth` may be null.
+  setTile(slot, color, depth) {
+    const gl = this.gl, {half} = this.shape;
     const layer = Math.floor(slot / this.tilesPerLayer);
-    const top = slot % this.tilesPerLayer * this.tileHeight;
-    // New textures are clear, as are the samples of rays that meet nothing.
-    if ((this.owners[slot] ??= has) !== has) this.owners[slot] = 'others';
-    const words = new Uint32Array(color.buffer, color.byteOffset, color.byteLength / 4);
-    const inLine = tileWidth * (half ? 2 : 1);
-    const isClear = (line) => this.owners[slot] === has &&
-      words.subarray(line * inLine, (line + 1) * inLine).every((word) => word === 0);
-    const rows = color.byteLength / (half ? 8 : 4) / columns, runs = [];  // of lines, [begin, end)
-    for (const part of parts) {
-      const [from, to] = this.halves[part & 1], first = part >> 1 << this.partBits;
-      for (let row = first; row < Math.min(rows, first + (1 << this.partBits)); ++row) {
-        const end = Math.ceil((row * columns + to) / tileWidth);
-        for (let line = row * columns + from >> bits; line < end; ++line) {
-          const last = runs.at(-1);
-          if (last && line >= last[0] && line < last[1] || isClear(line)) continue;
-          if (last && line >= last[0] && line <= last[1] + kGap) last[1] = line + 1;
-          else runs.push([line, line + 1]);
-        }
-      }
-    }
-    const put = (unit, samples, texelBytes, format, type) => {
+    const y = slot % this.tilesPerLayer * this.tileHeight;
+    const put = (unit, samples, texelBytes, format, type, view) => {
+      const texels = samples.byteLength / texelBytes;
+      const rows = Math.ceil(texels / this.tileWidth);
+      const padded = new Uint8Array(rows * this.tileWidth * texelBytes);
+      padded.set(samples);
       gl.activeTexture(gl.TEXTURE0 + unit);
-      for (const [begin, end] of runs) {
-        const line = tileWidth * texelBytes;
-        let bytes = samples.subarray(begin * line, end * line);
-        if (bytes.length < (end - begin) * line) {
-          const padded = new Uint8Array((end - begin) * line);
-          padded.set(bytes);
-          bytes = padded;
-        }
-        if (texelBytes === 8)
-          bytes = new Uint16Array(bytes.buffer, bytes.byteOffset, bytes.length / 2);
-        gl.texSubImage3D(gl.TEXTURE_2D_ARRAY, 0, 0, top + begin, layer, tileWidth, end - begin, 1,
-                         format, type, bytes);
-      }
+      gl.texSubImage3D(gl.TEXTURE_2D_ARRAY, 0, 0, y, layer, this.tileWidth, rows, 1, format, type,
+                       view(padded));
     };
     gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1);
-    if (half) put(2, color, 8, gl.RGBA, gl.HALF_FLOAT);
-    else put(2, color, 4, gl.RGBA, gl.UNSIGNED_BYTE);
-    if (depth) put(3, depth, 1, gl.RED, gl.UNSIGNED_BYTE);
-    gl.activeTexture(gl.TEXTURE7);
-    const at = slot * kMaxParts;
-    gl.texSubImage2D(gl.TEXTURE_2D, 0, at % kTableWidth, Math.floor(at / kTableWidth), kMaxParts, 1,
-                     gl.RED_INTEGER, gl.UNSIGNED_BYTE, has);
+    if (half) put(2, color, 8, gl.RGBA, gl.HALF_FLOAT, (b) => new Uint16Array(b.buffer));
+    else put(2, color, 4, gl.RGBA, gl.UNSIGNED_BYTE, (b) => b);
+    if (depth) put(3, depth, 1, gl.RED, gl.UNSIGNED_BYTE, (b) => b);
   }
 
   setPage(page, value) {
@@ -273,10 +232,9 @@ export class Renderer {
     gl.uniform3fv(at('uDown'), down.map((v) => v * pixel));
     gl.uniform2f(at('uSize'), width, height);
     const integers = {
-      uPartBits: this.partBits, uSplit: this.split, uLevel: view.level,
-      uMode: view.mode === 'depth', uEntrySide: shape.entrySide, uExitSide: shape.exitSide,
-      uRowBits: shape.rowBits, uTileBits: this.bits, uTileHeight: this.tileHeight,
-      uTilesPerLayer: this.tilesPerLayer, uKeeps: this.keeps(view)};
+      uLevel: view.level, uMode: view.mode === 'depth', uEntrySide: shape.entrySide,
+      uExitSide: shape.exitSide, uRowBits: shape.rowBits, uTileBits: this.bits,
+      uTileHeight: this.tileHeight, uTilesPerLayer: this.tilesPerLayer, uKeeps: this.keeps(view)};
     for (const [name, value] of Object.entries(integers)) gl.uniform1i(at(name), value);
     for (const [name, kind, ...values] of view.cut ?? [])
       gl[`uniform${kind}`](at(name), ...values);
@@ -459,8 +417,8 @@ export class Renderer {
     this.cost = (performance.now() - begin) / pixels;
   }
 
-  // Finds what a view needs, with a ray for every pixel that is not final. Resolves to a Set of
-  // wants, as Loader.want() takes them.
+  // Finds the pages that a view needs, with a ray for every pixel that is not final. Resolves to a
+  // Set of pages.
   async askAll(view) {
     const pages = new Set();
     const count = this.grid(kFeedbackSize).reduce((a, b) => a * b);
@@ -520,7 +478,7 @@ export class Renderer {
     gl.drawArrays(gl.TRIANGLES, 0, 3);
     return [w, h];
   }
-  // Finds the wants of one pixel of each cell of the grid: pixel number `choice`.
+  // Finds the pages for one pixel of each cell of the grid: pixel number `choice`.
   async askRays(view, size, choice) {
     const gl = this.gl, [w, h] = this.cast(view, size, choice, 'ask');
     this.readBuffers.forEach((buffer, i) => {
@@ -539,9 +497,7 @@ export class Renderer {
       let last = 0;
       for (let i = 0; i < words.length; ++i) {
         if (words[i] === last || words[i] === 0 || i % 4 === 3) continue;
-        last = words[i];
-        const page = (last & ((1 << kPartBit) - 1)) - 1;
-        pages.add(page + ((last >>> kPartBit) + 1) * 2 ** kPartBit);
+        pages.add((last = words[i]) - 1);
       }
     });
     gl.bindBuffer(gl.PIXEL_PACK_BUFFER, null);

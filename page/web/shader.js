@@ -1,8 +1,6 @@
 // The shaders, which draw a view as doc/drawing.md defines it. Decoded tiles are in texture arrays.
-// A page table gives the place of the tile of each pair of sections. A tile may be there in part: a
-// view needs few of the rays of each entry vertex, which are a row of the tile. A part is half of a
-// row, with all vertices that an exit cell of that half is interpolated from. Shaders for views
-// through planes (`cuts`) have more, which takes drivers time.
+// A page table gives the place of the tile of each pair of sections. Those for views through planes
+// (`cuts`) have more, which takes drivers time.
 
 import {kMarch} from './march.js';
 
@@ -11,9 +9,6 @@ export const kTableBits = 12;  // log2 of the width of the textures that hold ta
 
 // Values of the page table. Values from kFirstSlot on are kFirstSlot plus the tile's slot.
 export const kNotLoaded = 0, kEmpty = 1, kMissing = 2, kFirstSlot = 3;
-
-// What rays ask for: pages from 1 on and, from this bit on, which part of the tile.
-export const kPartBit = 25, kMaxParts = 128;
 
 export const kVertex = `#version 300 es
 void main() {  // one triangle that covers the picture
@@ -48,10 +43,9 @@ uniform vec2 uSize;                          // of the picture, in pixels
 uniform int uLevel, uMode;                   // mode: 0 bitri, 1 depth
 uniform int uEntrySide, uExitSide, uRowBits;
 uniform int uRowBase[${kMaxLevels}], uPathBase[${kMaxLevels}], uPageBase[${kMaxLevels}];
-uniform usampler2D uTables, uPages, uParts;
+uniform usampler2D uTables, uPages;
 uniform sampler2DArray uColor, uDepth;
 uniform int uTileBits, uTileHeight, uTilesPerLayer;  // a tile is 2^uTileBits texels wide
-uniform int uPartBits, uSplit;  // 2^uPartBits rows share a part; which half: the line of a cell
 uniform bool uKeeps;       // whether uKept is a picture of this view
 uniform sampler2D uKept;   // alpha: 1 where a pixel is final
 
@@ -123,17 +117,6 @@ int page(int level, int entry, int exit) {
   return uPageBase[level] + entry * (8 << (2 * level)) + exit;
 }
 
-// The part of a tile that has an exit cell, by its corners.
-int partOf(int row, ivec2 local[3]) {
-  return row >> uPartBits << 1 | (min(local[0].y, local[2].y) < uSplit ? 0 : 1);
-}
-int want(int page, int part) { return (page + 1) | part << ${kPartBit}; }
-
-bool hasPart(int slot, int part) {
-  int at = slot * ${kMaxParts} + part;
-  return texelFetch(uParts, ivec2(at & ${(1 << kTableBits) - 1}, at >> ${kTableBits}), 0).r != 0u;
-}
-
 // Whether local coordinates are those of a vertex of the section.
 bool inside(ivec2 p) { return min(min(p.x, p.y), uExitSide - p.x - p.y) >= 0; }
 
@@ -144,16 +127,16 @@ ivec3 texel(int slot, int sample_) {
 }
 
 vec4 colorAt(int slot, int row, ivec2 local) {
-  return texelFetch(uColor, texel(slot, row * columns + triangle(local.x, local.y)), 0);
+  return texelFetch(uColor, texel(slot, row + triangle(local.x, local.y)), 0);
 }
 
 const float kFaint = 1.0 / 255.0;
 // The picture is complete; a tile is not loaded; a tile is missing from the field.
 const int kDone = 0, kWaiting = 1, kUnavailable = 2;
 
-// Draws the chord from P to Q at a level. first and last are what the first and the last round
-// ask for. t is where the chord meets something; it is below 0 if it meets nothing, or if that is
-// not known. If tiles are not loaded, draw() returns early, with the picture and t of the
+// Draws the chord from P to Q at a level. first and last are the pages of the first and of the last
+// round, plus 1. t is where the chord meets something; it is below 0 if it meets nothing, or if
+// that is not known. If tiles are not loaded, draw() returns early, with the picture and t of the
 // last complete round. In the first round it then uses the tiles that are loaded.
 int draw(int level, vec3 P, vec3 Q, out vec4 pixel, out ivec3 first, out ivec3 last, out float t) {
   int entryN = uEntrySide << level, exitN = uExitSide << level;
@@ -178,7 +161,7 @@ int draw(int level, vec3 P, vec3 Q, out vec4 pixel, out ivec3 first, out ivec3 l
     entry[e] = vertex(cell, p, entryN);
     int place = entryPlace(level, cell, p);
     section[e] = place >> uRowBits;
-    row[e] = place & ((1 << uRowBits) - 1);
+    row[e] = (place & ((1 << uRowBits) - 1)) * columns;
   }
 
   for (int round_ = 0; round_ < 4; ++round_) {
@@ -203,15 +186,13 @@ int draw(int level, vec3 P, vec3 Q, out vec4 pixel, out ivec3 first, out ivec3 l
       ivec2 local[3];
       exitCell(leave, level, exit, local);
       int at = page(level, section[e], exit);
-      int part = partOf(row[e], local);
-      if (round_ == 0) first[e] = want(at, part); else last[e] = want(at, part);
+      if (round_ == 0) first[e] = at + 1; else last[e] = at + 1;
       ivec2 place = ivec2(at & ${(1 << kTableBits) - 1}, at >> ${kTableBits});
       uint entry_ = texelFetch(uPages, place, 0).r;
-      int slot = int(entry_) - ${kFirstSlot};
-      bool waits = entry_ == ${kNotLoaded}u || (slot >= 0 && !hasPart(slot, part));
-      if (waits) state = max(state, kWaiting);
+      if (entry_ == ${kNotLoaded}u) state = max(state, kWaiting);
       if (entry_ == ${kMissing}u) state = kUnavailable;
-      if (waits || (state != kDone && round_ > 0)) continue;
+      if (entry_ <= ${kNotLoaded}u || (state != kDone && round_ > 0)) continue;
+      int slot = int(entry_) - ${kFirstSlot};
       vec3 along = vec3(dot(entry[e] - P, chord), dot(q - entry[e], chord), 0) / chord2;
       if (slot < 0) total += we, low = min(low, 0.0), high = max(high, 0.0);
       exits[e] = ivec4(local[0], local[1].x - local[0].x, slot);
@@ -219,7 +200,7 @@ int draw(int level, vec3 P, vec3 Q, out vec4 pixel, out ivec3 first, out ivec3 l
       float agreement = 0.0;
       for (int x = slot < 0 ? 3 : 0; x < 3; ++x) {
         float wx = leave.weights[x];
-        ivec3 from = texel(slot, row[e] * columns + triangle(local[x].x, local[x].y));
+        ivec3 from = texel(slot, row[e] + triangle(local[x].x, local[x].y));
         vec4 color = texelFetch(uColor, from, 0);
         float depth = 0.0;
         if (uMode == 1 && color.a > 0.0) depth = texelFetch(uDepth, from, 0).r;
@@ -410,7 +391,7 @@ uniform int uTask;  // of kTasks
 layout(location = 0) out uvec4 needed0;
 layout(location = 1) out uvec4 needed1;
 
-// What the ray asks for if the chord meets something at t.
+// The pages, plus 1, of the tiles that the ray needs if the chord meets something at t.
 ivec3 guess(int level, vec3 P, vec3 Q, float t) {
   int n = uEntrySide << level;
   Cell cell = locate(P, n);
@@ -423,9 +404,7 @@ ivec3 guess(int level, vec3 P, vec3 Q, float t) {
     int exit;
     ivec2 local[3];
     exitCell(locate(from - 2.0 * dot(from, v) / v2 * v, uExitSide << level), level, exit, local);
-    int place = entryPlace(level, cell, p);
-    pages[e] = want(page(level, place >> uRowBits, exit),
-                    partOf(place & ((1 << uRowBits) - 1), local));
+    pages[e] = page(level, entryPlace(level, cell, p) >> uRowBits, exit) + 1;
   }
   return pages;
 }

@@ -466,7 +466,7 @@ export class Viewer {
     this.renderer.show(view.level, []);
     this.complete ??= this.traffic();
     this.show();
-    this.loader.want([...needed, ...await this.allOfLevel0(kSmall)], true);
+    this.loader.want([...needed, ...await this.allOfLevel0(kSmall)]);
     if (!await this.idle(asked)) return;
     this.state = 'settled';
     this.on.settled();
