@@ -72,7 +72,7 @@ class HostsTest(unittest.TestCase):
     def setUpClass(cls):
         shutil.rmtree(WORK, ignore_errors=True)
         os.makedirs(WORK)
-        for name in ["source.js", "style.css"]:
+        for name in ["source.js", "text.js", "style.css"]:
             shutil.copy(os.path.join(PAGE, name), path(name))
         with open(path("empty.html"), "w") as file:
             file.write("<!doctype html>")
