@@ -6,6 +6,8 @@
 #include <string>
 #include <string_view>
 
+#include "base/ascii.h"
+
 namespace slf {
 
 /// The length of the UTF-8 sequence at the start of `text`; 0 if there is no valid one. Surrogates,
@@ -41,7 +43,7 @@ inline void append_utf8(std::uint32_t code, std::string& text) {
 /// What is not UTF-8 is converted into `made`, which must live as long as the result.
 inline std::string_view as_utf8(std::string_view bytes, std::string& made) {
   const bool big = bytes.starts_with("\xFE\xFF"), wide = big || bytes.starts_with("\xFF\xFE");
-  if (bytes.starts_with("\xEF\xBB\xBF")) bytes.remove_prefix(3);
+  bytes = without_byte_order_mark(bytes);
   std::string_view rest = bytes;
   for (std::size_t n = 1; n > 0 && !rest.empty(); rest.remove_prefix(n)) n = utf8_length(rest);
   if (rest.empty()) return bytes;

@@ -12,6 +12,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/content_hash.h"
 #include "base/file.h"
 
 namespace slf {
@@ -19,18 +20,25 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr const char* kOurs = "slf-range-";  // of the names of all files that may be removed
+constexpr std::string_view kOurs = "slf-range-";
+constexpr std::size_t kHash = 32;  // hexadecimal digits
 constexpr std::size_t kChecksum = sizeof(std::uint64_t);
+
+/// Whether a cache may have written a file of such a name, whole or not: others are not removed.
+bool is_ours(std::string_view name) {
+  return name.starts_with(kOurs) && name.size() > kOurs.size() + kHash &&
+         name.substr(kOurs.size()).find_first_not_of("0123456789abcdef") == kHash &&
+         name[kOurs.size() + kHash] == '-';
+}
 
 }  // namespace
 
 RangeCache::RangeCache(const std::string& folder, std::uint64_t limit, std::string identity)
     : folder_(folder), identity_(std::move(identity)), limit_(limit) {
-  char key[17];
-  (void)std::snprintf(
-      key, sizeof key, "%016llx",
-      static_cast<unsigned long long>(XXH3_64bits(identity_.data(), identity_.size())));
-  prefix_ = folder_ + "/" + kOurs + key + "-";
+  ContentHash hash;
+  hash.add(bytes_of(identity_));
+  const std::string text = hash.text();
+  prefix_ = folder_ + "/" + std::string(kOurs) + text.substr(text.find(':') + 1) + "-";
 }
 
 Result<std::unique_ptr<RangeCache>> RangeCache::open(const std::string& folder, std::uint64_t limit,
@@ -118,7 +126,7 @@ void RangeCache::trim() {
        at.increment(error)) {
     std::error_code gone;
     const std::string name = at->path().filename();
-    if (!name.starts_with(kOurs)) continue;
+    if (!is_ours(name) || !at->is_regular_file(gone)) continue;
     entries.push_back({at->last_write_time(gone), at->file_size(gone), at->path()});
     if (gone) {
       entries.pop_back();

@@ -1,8 +1,11 @@
 #include "page/studio/draft.h"
 
+#include <algorithm>
 #include <filesystem>
 #include <functional>
+#include <iterator>
 
+#include "base/ascii.h"
 #include "base/file.h"
 #include "base/try.h"
 #include "image/formats.h"
@@ -16,6 +19,7 @@ namespace {
 namespace fs = std::filesystem;
 using nlohmann::json;
 
+constexpr std::string_view kTaken = ".environment";  // after the output's name, of take()
 constexpr std::size_t kMaxSurroundings = 256 << 20;  // bytes of a picture
 
 /// Whether an option names a file, and not something built in.
@@ -89,13 +93,16 @@ Result<Draft> Draft::open(const Recipe& recipe, const StudioOptions& options) {
     return fail(ErrorCode::usage, draft.path_,
                 ": is no draft of a studio, which would be kept there; move it");
   const auto had = last.value("owns", std::set<std::string>());
-  draft.files_.insert(had.begin(), had.end());
+  // Whoever wrote the draft, it opens and removes no other files than those of take().
+  const auto is_taken = [&](const std::string& path) { return draft.is_taken(path); };
+  std::ranges::copy_if(had, std::inserter(draft.files_, draft.files_.end()), is_taken);
   if (!draft.parse(last["shown"])) return draft;
   draft.shown = last["shown"];
   draft.document = last.value("recipe", draft.shown);
   draft.views = last.value("views", draft.views);
   draft.owned_.insert(had.begin(), had.end());
-  draft.loose_ = last.value("loose", draft.loose_);
+  std::ranges::copy_if(last.value("loose", std::set<std::string>()),
+                       std::inserter(draft.loose_, draft.loose_.end()), is_taken);
   draft.restored = true;
   return draft;
 }
@@ -180,10 +187,17 @@ Result<std::string> Draft::take(std::uint64_t first, std::uint64_t size, ByteSpa
   std::string path;
   std::error_code ignored;
   for (int k = 1; path.empty() || fs::exists(path, ignored); ++k)
-    path = concat(stem_, ".environment", k > 1 ? concat("-", k) : "", exr ? ".exr" : ".hdr");
+    path = concat(stem_, kTaken, k > 1 ? concat("-", k) : "", exr ? ".exr" : ".hdr");
   SLF_TRY(write_file(path, std::exchange(incoming_, {})));
   for (auto* const names : {&files_, &owned_, &loose_}) names->insert(path);
   return path;
+}
+
+bool Draft::is_taken(std::string_view path) const {
+  const std::string begin = concat(stem_, kTaken);
+  if (!path.starts_with(begin) || !(path.ends_with(".exr") || path.ends_with(".hdr"))) return false;
+  const std::string_view number = path.substr(begin.size(), path.size() - begin.size() - 4);
+  return number.empty() || (number[0] == '-' && parse_number<unsigned>(number.substr(1)));
 }
 
 void Draft::tidy() const {

@@ -4,6 +4,7 @@
 #include <nlohmann/json.hpp>
 #include <set>
 #include <string>
+#include <string_view>
 
 #include "base/bytes.h"
 #include "page/studio/studio.h"
@@ -44,6 +45,8 @@ class Draft {
 
  private:
   [[nodiscard]] Result<void> check_files(const nlohmann::json& stated) const;
+  /// Whether take() gives files such a path.
+  [[nodiscard]] bool is_taken(std::string_view path) const;
 
   std::string stem_, path_;
   std::set<std::string> files_;  ///< that a recipe may name

@@ -1,12 +1,12 @@
 #include "page/studio/studio.h"
 
-#include <charconv>
 #include <chrono>
 #include <cmath>
 #include <cstring>
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
+#include "base/ascii.h"
 #include "base/bytes.h"
 #include "base/guarded.h"
 #include "base/join.h"
@@ -351,10 +351,7 @@ Response Studio::State::change(const json& body) {
 /// A piece of a picture of surroundings.
 Response Studio::State::take(const Request& request) {
   const auto number = [&](std::string_view header) {
-    std::uint64_t value = 0;
-    const std::string_view text = request.header(header);
-    std::from_chars(text.data(), text.data() + text.size(), value);
-    return value;
+    return parse_number<std::uint64_t>(request.header(header)).value_or(0);
   };
   const auto taken = draft.take(number("slf-first"), number("slf-size"), bytes_of(request.body));
   if (!taken) return refusal(taken.error().message);

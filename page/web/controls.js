@@ -10,8 +10,9 @@ const kDoubleTap = 300, kTapMoves = 6, kTapApart = 24;  // milliseconds, pixels,
 // `over` lies on the canvas: the wheel zooms there, too, unless it scrolls a text, and a drag that
 // begins there turns the camera, but on a <nav>, which is swiped. Calls `moved` after each change,
 // `tap(x, y)` when the canvas is clicked, and `nearer(x, y)` when it is clicked twice; without that,
-// the camera then goes nearer. `wheels()`: whether the wheel zooms. `hears` is what keys are pressed in; `keys` maps further ones to functions:
-// {r: function, …}; one that returns false leaves the key to the page. `signal` ends it.
+// the camera then goes nearer. `wheels()`: whether the wheel zooms. `hears` is what keys are pressed
+// in; `keys` maps further ones to functions: {r: function, …}; one that returns false leaves the key
+// to the page. `signal` ends it.
 export function attach(canvas, camera, {
   over = [], moved, tap, nearer = () => { camera.zoom(kNearer); moved(); }, wheels, hears, keys,
   signal}) {

@@ -52,7 +52,8 @@ export class CutPanel extends Handles {
     const slices = cut.cap.startsWith('slice') && !cut.hollow;
     byId('greys').hidden = !slices;
     byId('cap').value = cut.hollow ? 'hollow' : slices ? 'slice' : 'shaded';
-    Object.assign(byId('cap'), {disabled: cut.hollow && Boolean(cut.why), title: cut.why ? this.element.told(cut.why) : ''});
+    Object.assign(byId('cap'), {disabled: cut.hollow && Boolean(cut.why),
+                                title: cut.why ? this.element.told(cut.why) : ''});
     byId('more').disabled = planes.length >= kMostShown;
     if (slices) {
       const [low, high] = cut.window, [least, most] = cut.of.range;

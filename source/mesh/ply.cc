@@ -76,7 +76,10 @@ class PlyReader {
       if (!known && e.count > 0) to_.note("its elements '" + e.name + "' are not read");
       const bool own = e.name == "face" && (e.find({"texcoord"}) >= 0 || !wedges_.empty());
       mapped = mapped || own;
-      faces_own_ = faces_own_ || own || (e.name == "face" && find_color(e)[0] >= 0);
+      const bool painted = e.name == "face" && find_color(e)[0] >= 0;
+      if (painted && find_color(*points)[0] >= 0)
+        to_.note("colours of faces are left out: vertices have others");
+      faces_own_ = faces_own_ || own || painted;
     }
     SLF_TRY(read_materials(mapped));
     for (const Element& element : elements_) SLF_TRY(read_element(element));
@@ -348,7 +351,6 @@ class PlyReader {
       }
       MeshVertex vertex = vertices_[at];
       if (color && !colored_) vertex.color = color;
-      if (color && colored_) to_.note("colours of faces are left out: vertices have others");
       if (!uvs.empty()) vertex.uv = glm::vec2(uvs[2 * k], 1 - uvs[2 * k + 1]);
       corners_.push_back(to_.add(vertex));
     }

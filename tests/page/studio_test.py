@@ -307,6 +307,22 @@ class StudioTest(unittest.TestCase):
             studio.process.wait(30)
         with open(path("ball.recipe.json.draft")) as file:
             self.assertEqual(file.read(), "my notes")
+        # A draft that somebody else wrote has no other files read or removed.
+        for name in ["secret.hdr", "ball.environment-x.hdr"]:
+            with open(path(name), "w") as file:
+                file.write("mine")
+        foreign = [os.path.abspath(path("secret.hdr")), "secret.hdr", "ball.environment-x.hdr",
+                   "../secret.hdr"]
+        with open(path("ball.recipe.json.draft"), "w") as file:
+            json.dump({"recipe": {}, "shown": {}, "owns": foreign, "loose": foreign}, file)
+        with Studio("ball.nhdr", "-o", "ball.slf") as studio:
+            for name in foreign:
+                status, said = studio.show(environment=name)
+                self.assertEqual(status, 422)
+                self.assertIn("command line", said["error"])
+        for name in ["secret.hdr", "ball.environment-x.hdr"]:
+            with open(path(name)) as file:
+                self.assertEqual(file.read(), "mine")
 
     def test_requests_are_untrusted(self):
         with Studio("ball.nhdr", "-o", "ball.slf") as studio:
