@@ -39,7 +39,8 @@ Result<Sphere> sphere_of(
   SLF_TRY(source.finish(0, OnSignal::end));
   source.check = check;
   const auto scene = SLF_TRY(hinted(make_scene(source)));
-  return scene->bounds();
+  const FieldState state{"", scene.get()};
+  return slf::sphere_of(source, {&state, 1});
 }
 
 Result<void> run_cameras(const CamerasArguments& a) {

@@ -27,6 +27,12 @@ constexpr std::uint32_t kThumbnail = 112;  // pixels along a side
 constexpr double kCoarser = 2;             // factor of light's spacing, and of its paths squared
 constexpr int kMovingQuality = 78, kQuality = 90;  // of JPEG
 
+/// The sphere of a field of a scene.
+Sphere sphere_around(const Recipe& recipe, const Scene& scene) {
+  const FieldState state{"", &scene};
+  return sphere_of(recipe, {&state, 1});
+}
+
 Camera camera_of(const Look& look, const Sphere& own) {
   return page_camera(look.sphere.radius > 0 ? look.sphere : own, look.orbit, look.width,
                      look.height);
@@ -118,12 +124,13 @@ void Caster::pause(bool paused) {
 
 std::optional<glm::dvec3> Caster::meet(const Look& look, double x, double y) {
   std::shared_ptr<const Scene> scene;
+  Sphere sphere{};
   {
     const std::lock_guard lock(mutex_);
     scene = plain_;
+    if (scene) sphere = sphere_around(recipe_, *scene);
   }
   if (!scene || look.width == 0 || look.height == 0) return std::nullopt;
-  const Sphere sphere = scene->bounds();
   const auto rays = RayGenerator::make(camera_of(look, sphere));
   if (!rays) return std::nullopt;
   const auto at = [](double share, std::uint32_t count) {
@@ -217,7 +224,7 @@ Result<Drawn> Caster::picture_of(const Job& job) {
   // Coarse light that is complete costs no more than direct light.
   const Stage stage = nearest(std::max(job.stage, prepared_ ? Stage::coarse : Stage::direct));
   const auto shown = SLF_TRY(small ? make(Stage::direct, job.transfer) : scene(stage));
-  const Sphere sphere = shown->bounds();
+  const Sphere sphere = sphere_around(drawn_, *shown);
   Look look = job.look;
   if (small) look = {1, {{}, 0}, {30, 20, 3, 0, 0, 0}, kThumbnail, kThumbnail, false};
   const double shrink = moving ? std::sqrt(std::min(1.0, pixels_ / look.width / look.height)) : 1;

@@ -252,7 +252,8 @@ export class HttpSource {
   async repeat(ranges, trip, {orWhole = false, came = () => {}, retries}) {
     retries ??= this.check ? Infinity : kRetries;
     for (let attempt = 0;; ++attempt) {
-      while (this.host.resumes > Date.now()) await pause(this.host.resumes - Date.now());
+      for (let left; (left = this.host.resumes - Date.now()) > 0;)
+        if (!await this.leave(this.host)) await pause(Math.min(left, kLongPause));
       const {host} = this;
       const stop = new AbortController(), end = () => stop.abort();
       this.signal?.throwIfAborted();

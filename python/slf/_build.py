@@ -115,12 +115,12 @@ def raycast(source: Any, camera: AnyCamera = orbit(), size: Size = (512, 512), *
     """
     check_dtype(dtype)
     with contextlib.ExitStack() as stack, reporter(progress, "raycast") as report:
-        _, scenes = described(stack, source, settings, states=states, threads=threads)
+        recipe, scenes = described(stack, source, settings, states=states, threads=threads)
         known: dict[State, Any] = {k: scene for k, (_, scene) in enumerate(scenes)} | dict(scenes)
         if state not in known:
             raise UsageError(f"no state {state!r}; there are {', '.join(dict(scenes)) or 'none'}")
-        colors, distance = known[state].raycast(_slf.bounds_of(scenes), camera, size, threads,
-                                                report)
+        sphere = _slf.sphere_of(recipe, scenes)
+        colors, distance = known[state].raycast(sphere, camera, size, threads, report)
     picture = finished_picture(colors, dtype, background)
     return Picture(picture, distance) if depth else picture
 

@@ -296,10 +296,11 @@ std::vector<std::pair<Text, SceneHandle>> make(const Recipe& given, StateScenes*
 /// A picture of the scene's rays themselves.
 py::tuple raycast(const SceneHandle& handle, const SphereTuple& around, const CameraTuple& camera,
                   const SizeTuple& size, unsigned threads, py::object progress) {
-  const Camera from = camera_of(sphere_of(around), camera, size);
+  const Sphere sphere = sphere_of(around);
+  const Camera from = camera_of(sphere, camera, size);
   LongCall call(std::move(progress));
   auto image = value_of(handle.trace(call, [&] {
-    return trace_view(*handle.scene, handle.scene->bounds(), from, threads, call.progress());
+    return trace_view(*handle.scene, sphere, from, threads, call.progress());
   }));
   const py::array colors = colors_of(image);
   return py::make_tuple(colors, depths_of(image));

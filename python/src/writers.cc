@@ -111,7 +111,9 @@ void bind_writers(py::module_& module) {
     LongCall call;
     call.value(path, [&] { return add_reveal(path, recipe); });
   });
-  module.def("bounds_of", [](const Scenes& s) { return tuple_of(bounds_of(states_of(s))); });
+  module.def("sphere_of", [](const Recipe& recipe, const Scenes& scenes) {
+    return tuple_of(sphere_of(recipe, states_of(scenes)));
+  });
   module.def("repack", repack);
   module.def("merge", merge);
   module.def("diff", diff);

@@ -76,12 +76,14 @@ Result<std::vector<std::byte>> reveal_code(const Recipe& recipe,
 
 }  // namespace
 
+Sphere sphere_of(const Recipe& recipe, std::span<const FieldState> states) {
+  const auto [center, radius] = bounds_of(states);
+  return {recipe.center.value_or(center), recipe.radius.value_or(radius)};
+}
+
 Result<BuildOptions> field_options(const Recipe& recipe, std::span<const FieldState> states) try {
   BuildOptions options = recipe.field;
-  Sphere& sphere = options.shape.sphere;
-  sphere = bounds_of(states);
-  if (recipe.center) sphere.center = *recipe.center;
-  if (recipe.radius) sphere.radius = *recipe.radius;
+  options.shape.sphere = sphere_of(recipe, states);
   if (recipe.reveal) options.reveal = SLF_TRY(reveal_code(recipe, states));
   return options;
 } catch (...) {

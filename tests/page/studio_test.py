@@ -575,7 +575,8 @@ class StudioTest(unittest.TestCase):
             self.fine(one)
             camera = one.run("studio.camera.toText()")
             self.set(one, "#exposure", "0.5")
-            one.run("location.reload()")
+            one.run("globalThis.before = true, location.reload()")
+            one.wait("!globalThis.before")
             one.wait(f"globalThis.studio?.shown.stage === 4 && {value} === 0.5")
             self.assertEqual(one.run("studio.camera.toText()"), camera)
             self.assertEqual(one.run("document.querySelector('#statelist [aria-pressed=true]')"

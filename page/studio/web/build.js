@@ -5,7 +5,9 @@ import {again, camera, picture} from './picture.js';
 import {isSending, model} from './recipe.js';
 import {byId, found, getState, make, post, retries} from './server.js';
 
-const kForecast = 3600e3;  // milliseconds
+// Milliseconds that a forecast is waited for at a time, and between: browsers have six connections
+// for all pages of a server.
+const kForecast = 2000, kBetween = 500;
 
 // Tells what a build would take, while nothing changes.
 let forecast = 0;  // the revision that it is of
@@ -14,16 +16,21 @@ export async function tellForecast() {
   if (forecast === revision) return;
   forecast = revision;
   byId('forecast').textContent = 'Estimating size and time …';
-  try {
-    const answer = await post('forecast', {}, {patience: kForecast});
-    if (revision !== model.server.revision) return;
-    if (answer.status === 204) return forecast = 0;  // asked again at the next rest
-    const {file_bytes: bytes, seconds, rays} = await answer.json();
-    byId('forecast').textContent = `About ${(bytes / 2 ** 20).toPrecision(3)} MiB, ` +
-      `${clock(seconds)}, ${(rays / 1e6).toPrecision(3)} million rays`;
-  } catch (error) {
-    byId('forecast').textContent = error.status ? error.message : '';
-    if (!error.status) forecast = 0;
+  for (; revision === model.server.revision; await sleep(kBetween)) {
+    try {
+      const answer = await post('forecast', {}, {patience: kForecast});
+      if (revision !== model.server.revision) return;
+      if (answer.status === 204) return forecast = 0;  // asked again at the next rest
+      const {file_bytes: bytes, seconds, rays} = await answer.json();
+      byId('forecast').textContent = `About ${(bytes / 2 ** 20).toPrecision(3)} MiB, ` +
+        `${clock(seconds)}, ${(rays / 1e6).toPrecision(3)} million rays`;
+      return;
+    } catch (error) {
+      if (error.name === 'TimeoutError') continue;
+      byId('forecast').textContent = error.status ? error.message : '';
+      if (!error.status) forecast = 0;
+      return;
+    }
   }
 }
 let command = '';

@@ -87,6 +87,9 @@ export async function draw() {
     }
   }
 }
+// What waits on a network that changes is asked for again.
+for (const name of ['offline', 'online']) addEventListener(name, () => waiting?.abort());
+
 // The camera stays where it is while the sphere, which its numbers refer to, changes.
 function place(next) {
   const {sphere} = view;

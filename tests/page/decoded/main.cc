@@ -1,4 +1,4 @@
-// What page_test.py compares the page with.
+// What pictures_test.py compares the page with.
 //
 // decoded FIELD STRIDE: writes the decoded samples of every STRIDEth tile to standard output,
 // colours then depths, in the order of the page's table (page/web/field.js).
