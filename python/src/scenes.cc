@@ -299,9 +299,8 @@ py::tuple raycast(const SceneHandle& handle, const SphereTuple& around, const Ca
   const Sphere sphere = sphere_of(around);
   const Camera from = camera_of(sphere, camera, size);
   LongCall call(std::move(progress));
-  auto image = value_of(handle.trace(call, [&] {
-    return trace_view(*handle.scene, sphere, from, threads, call.progress());
-  }));
+  auto image = value_of(handle.trace(
+      call, [&] { return trace_view(*handle.scene, sphere, from, threads, call.progress()); }));
   const py::array colors = colors_of(image);
   return py::make_tuple(colors, depths_of(image));
 }
