@@ -131,7 +131,8 @@ def studio(source: Any, out: Path, *, save: Path = "", threads: int = 0,
 
     source: an array, an image, a mesh or a path, as of build().
     out: the field that the page builds. The recipe is saved beside it as NAME.recipe.json, or in
-        `save`. That of an array names no file: slf.build() takes its members as settings.
+        `save`. That of an array or a mesh object names no file that stays: slf.build() takes its
+        members as settings.
     settings: what the page begins with; those of build(), with a transfer function as a name, a
         file or JSON.
 

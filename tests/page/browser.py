@@ -114,8 +114,8 @@ class Browser:
         session = self.call("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
         return Page(self, session, target)
 
-    def open(self, url, width, height, scale=1, dark=True):
-        """A page in a window of its own, so that none hides another."""
+    def open(self, url, width, height, scale=1, dark=True, calm=False):
+        """A page in a window of its own, so that none hides another. `calm`: cameras jump."""
         page = self.attach(self.call("Target.createTarget", url="about:blank",
                                      newWindow=True)["targetId"])
         page.call("Page.enable")
@@ -124,7 +124,8 @@ class Browser:
         page.call("Emulation.setDeviceMetricsOverride", width=width, height=height,
                   deviceScaleFactor=scale, mobile=False)
         page.call("Emulation.setEmulatedMedia", features=[
-            {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}])
+            {"name": "prefers-color-scheme", "value": "dark" if dark else "light"},
+            *([{"name": "prefers-reduced-motion", "value": "reduce"}] if calm else [])])
         page.call("Page.navigate", url=url)
         return page
 

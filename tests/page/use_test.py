@@ -60,7 +60,7 @@ class UseTest(PageTest):
         views = [{"title": f"View {i}", "text": "See https://example.org.",
                   "orbit": [36 * i, 5 * i - 20, 2 + 0.1 * i]} for i in range(10)]
         with self.explained({"views": views}) as server:
-            page = self.browser.open(server.url, SIZE, SIZE)
+            page = self.browser.open(server.url, SIZE, SIZE, calm=True)
             page.settle()
             self.assertEqual(page.run("slf.camera.toText()"), "0,-20,2")
             self.assertEqual(page.run("slf.root.querySelector('#text a').href"),
@@ -263,7 +263,7 @@ class UseTest(PageTest):
     def test_the_way_to_the_next_view_does_not_move_with_the_text(self):
         with self.explained(self.LONG) as server:
             for size in [(390, 844), (512, 512), (800, 600), (1200, 800)]:
-                page = self.browser.open(server.url, *size)
+                page = self.browser.open(server.url, *size, scale=0.5)
                 page.settle()
                 at = "['previous', 'next'].map((id) => (({x, y}) => [x, y])(" \
                      "slf.root.getElementById(id).getBoundingClientRect()))"
@@ -277,7 +277,7 @@ class UseTest(PageTest):
     def test_saved_views_cover_nothing_of_the_panel_or_the_list(self):
         with self.explained(self.LONG, self.structured()) as server:
             for size in [(530, 400), (640, 360), (800, 600), (844, 390), (1050, 500), (1200, 700)]:
-                page = self.browser.open(server.url, *size)
+                page = self.browser.open(server.url, *size, scale=0.5)
                 page.settle()
                 page.run("slf.root.getElementById('next').click()")
                 for name, by in [("panel", "fold"), ("structures", "unroll")]:
@@ -343,7 +343,7 @@ class UseTest(PageTest):
     def test_the_scale_bar_and_the_compass_are_beside_the_views(self):
         with self.explained({"views": [{"title": "A view", "orbit": [30, 10, 2.5]}]}) as server:
             for width in (390, 650, 900, 1100):
-                page = self.browser.open(server.url, width, 600)
+                page = self.browser.open(server.url, width, 600, scale=0.5)
                 page.settle()
                 page.run("slf.root.getElementById('compass').hidden = false, 0")
                 views, *others = page.run("""['views', 'scale', 'compass'].map((id) =>
@@ -440,7 +440,8 @@ data file: cube.raw
         picked = json.loads(slf("pick", field, "--size", "64x64", "32,32", "--json"))
         self.assertEqual(picked["unit"], "mm")
         with Server(field) as server:
-            page = self.browser.open(server.url + "#view=0,0,3&level=1", SIZE, SIZE)
+            page = self.browser.open(server.url + "#view=0,0,3&level=1", SIZE, SIZE,
+                                     calm=True)
             page.settle()
             self.press(page, "m")
             for view in ["180,0,3", "90,0,3"]:
