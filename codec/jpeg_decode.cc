@@ -72,16 +72,14 @@ Bytes stream_of(const JpegTables& tables, const JpegShape& shape, ByteSpan scan)
 class Decompressor {
  public:
   Decompressor() = default;
-  ~Decompressor() {
-    if (created_) jpeg_destroy_decompress(&info_);
-  }
+  ~Decompressor() { jpeg_destroy_decompress(&info_); }
   Decompressor(const Decompressor&) = delete;
   Decompressor& operator=(const Decompressor&) = delete;
 
   // Returns null, or a message if it fails.
   const char* decode(ByteSpan stream, const JpegShape& shape, std::uint8_t* pixels) {
     if (setjmp(errors_.jump)) {
-      if (created_) jpeg_abort_decompress(&info_);
+      created_ ? jpeg_abort_decompress(&info_) : jpeg_destroy_decompress(&info_);
       return errors_.message;
     }
     if (!created_) {

@@ -4,10 +4,12 @@
 
 // jpeglib.h needs FILE and size_t declared before it.
 #include <jpeglib.h>
+#include <csetjmp>
 #include <cstddef>
 #include <cstdio>
 
 #include <algorithm>
+#include <new>
 
 namespace slf::codec {
 namespace {
@@ -33,9 +35,19 @@ JpegTables standard_tables(int quality) {
   JpegTables tables;
   tables.quantisation[0].fill(quantisation_step(quality, 28));
   tables.quantisation[1].fill(quantisation_step(quality, 18));
-  jpeg_compress_struct compress;
-  jpeg_error_mgr errors;
-  compress.err = jpeg_std_error(&errors);
+  jpeg_compress_struct compress{};
+  struct Errors {
+    jpeg_error_mgr base;
+    std::jmp_buf jump;
+  } errors;
+  compress.err = jpeg_std_error(&errors.base);
+  errors.base.error_exit = [](j_common_ptr info) {
+    std::longjmp(reinterpret_cast<Errors*>(info->err)->jump, 1);
+  };
+  if (setjmp(errors.jump)) {  // nothing else can fail
+    jpeg_destroy_compress(&compress);
+    throw std::bad_alloc();
+  }
   jpeg_create_compress(&compress);
   compress.in_color_space = JCS_RGB;
   compress.input_components = 3;

@@ -315,7 +315,7 @@ TEST(KilledMerge, ShardsAndMergesEndInTheFieldOfOneBuild) {
 TEST(KilledReveal, LeavesTheFieldWithItOrWithoutIt) {
   Workplace place;
   std::string voxels;
-  for (int k = 0; k < 40 * 40 * 40; ++k) voxels += static_cast<char>(k * k / 1009);
+  for (unsigned k = 0; k < 40 * 40 * 40; ++k) voxels += static_cast<char>(k * k / 1009);
   testing::write_text(place / "v.raw", voxels);
   const Arguments volume{"--dims", "40x40x40"};
   ASSERT_EQ(run(join({"-q", "build", place / "v.raw", "-o", place / "in.slf", "--entry", "2",

@@ -166,9 +166,8 @@ TEST_F(RemoteTest, AsksMirrorsForWhatAHostFailsToSend) {
       expect_picture(renderer.render(camera(), {RenderMode::depth, 1}));
       EXPECT_GT(good.requests(), 0u);
       EXPECT_LE(bad.requests(), from + 8);  // once, as many as are under way
-      // A host that hangs up may not see what was sent to it meanwhile.
-      const unsigned unseen = *status == 0 ? 8 : 0;
-      EXPECT_LE(remote->traffic().requests, bad.requests() + good.requests() + unseen);
+      // A host may not see what is under way when another one fails.
+      EXPECT_LE(remote->traffic().requests, bad.requests() + good.requests() + 8);
       EXPECT_LT(std::chrono::steady_clock::now() - begin, std::chrono::seconds(5));
     }
 }
