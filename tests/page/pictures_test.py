@@ -358,9 +358,9 @@ class PicturesTest(PageTest):
             # What is hidden is not loaded.
             self.assertLess(loaded["stem%2C white"], 0.6 * loaded["*"])
             page = self.browser.open(server.url + "#structures=core,no such", SIZE, SIZE)
+            page.wait("globalThis.slf?.root.getElementById('status').textContent"
+                      ".includes('no structure named no such')")
             page.settle()
-            self.assertIn("no structure named no such",
-                          page.run("slf.root.getElementById('status').textContent"))
             if page.run("slf.root.getElementById('parts').hidden"):
                 self.press(page, "l")
             reached = []
