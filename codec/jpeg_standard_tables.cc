@@ -35,19 +35,19 @@ JpegTables standard_tables(int quality) {
   JpegTables tables;
   tables.quantisation[0].fill(quantisation_step(quality, 28));
   tables.quantisation[1].fill(quantisation_step(quality, 18));
-  jpeg_compress_struct compress{};
-  struct Errors {
-    jpeg_error_mgr base;
-    std::jmp_buf jump;
-  } errors;
-  compress.err = jpeg_std_error(&errors.base);
-  errors.base.error_exit = [](j_common_ptr info) {
-    std::longjmp(reinterpret_cast<Errors*>(info->err)->jump, 1);
+  struct Compressor {
+    jpeg_compress_struct info{};
+    jpeg_error_mgr errors{};
+    std::jmp_buf jump{};
+    ~Compressor() { jpeg_destroy_compress(&info); }
+  } compressor;
+  jpeg_compress_struct& compress = compressor.info;
+  compress.err = jpeg_std_error(&compressor.errors);
+  compress.client_data = &compressor;
+  compressor.errors.error_exit = [](j_common_ptr info) {
+    std::longjmp(static_cast<Compressor*>(info->client_data)->jump, 1);
   };
-  if (setjmp(errors.jump)) {  // nothing else can fail
-    jpeg_destroy_compress(&compress);
-    throw std::bad_alloc();
-  }
+  if (setjmp(compressor.jump)) throw std::bad_alloc();  // nothing else can fail
   jpeg_create_compress(&compress);
   compress.in_color_space = JCS_RGB;
   compress.input_components = 3;
@@ -56,7 +56,6 @@ JpegTables standard_tables(int quality) {
     tables.dc[i] = from_libjpeg(*compress.dc_huff_tbl_ptrs[i]);
     tables.ac[i] = from_libjpeg(*compress.ac_huff_tbl_ptrs[i]);
   }
-  jpeg_destroy_compress(&compress);
   return tables;
 }
 
