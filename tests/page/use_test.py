@@ -40,14 +40,19 @@ class UseTest(PageTest):
             surface = page.run("slf.probe([[220, 250]])[0]")
             for apart, place, distance in [(100, (220, 250), 3), (2, (500, 250), 1.8),
                                            (2, (220, 250), 0.6 * surface["distance"])]:
-                page.run("slf.camera.reset()")
-                page.run("new Promise((done) => setTimeout(done, 400))")
-                for x in [place[0], place[0] + apart]:
-                    for kind in ["mousePressed", "mouseReleased"]:
-                        page.call("Input.dispatchMouseEvent", type=kind, x=x, y=place[1],
-                                  button="left", buttons=int(kind == "mousePressed"), clickCount=1)
-                page.wait("!slf.flight")
-                self.assertAlmostEqual(page.run("slf.camera.distance"), distance, delta=0.02)
+                for _ in range(4):  # a slow machine may press too late
+                    page.run("slf.camera.reset()")
+                    page.run("new Promise((done) => setTimeout(done, 400))")
+                    for x in [place[0], place[0] + apart]:
+                        for kind in ["mousePressed", "mouseReleased"]:
+                            page.call("Input.dispatchMouseEvent", type=kind, x=x, y=place[1],
+                                      button="left", buttons=int(kind == "mousePressed"),
+                                      clickCount=1)
+                    page.wait("!slf.flight")
+                    found = page.run("slf.camera.distance")
+                    if abs(found - distance) < 0.02:
+                        break
+                self.assertAlmostEqual(found, distance, delta=0.02)
             at = page.run(f"slf.camera.project({json.dumps(surface['point'])}, 512, 512)")
             self.assertAlmostEqual(at["x"], 256, delta=8)
             self.assertAlmostEqual(at["y"], 256, delta=8)
