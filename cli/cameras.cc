@@ -39,8 +39,7 @@ Result<Sphere> sphere_of(
   SLF_TRY(source.finish(0, OnSignal::end));
   source.check = check;
   const auto scene = SLF_TRY(hinted(make_scene(source)));
-  const FieldState state{"", scene.get()};
-  return slf::sphere_of(source, {&state, 1});
+  return slf::sphere_of(source, scene->bounds());
 }
 
 Result<void> run_cameras(const CamerasArguments& a) {

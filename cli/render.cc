@@ -156,8 +156,8 @@ struct RaycastScene {
 };
 Result<RaycastScene> scene_of(const RaycastArguments& a, const SourceArguments& source) {
   const auto made = SLF_TRY(hinted(make_scenes(source)));
-  if (made.size() == 1 && a.state.empty())
-    return RaycastScene{made.front().scene, sphere_of(source, field_states(made))};
+  const Sphere sphere = sphere_of(source, bounds_of(field_states(made)));
+  if (made.size() == 1 && a.state.empty()) return RaycastScene{made.front().scene, sphere};
   auto found = std::ranges::find(made, a.state, &NamedScene::name);
   for (std::size_t k = 0; found == made.end() && k < made.size(); ++k)
     if (std::to_string(k) == a.state) found = made.begin() + static_cast<std::ptrdiff_t>(k);
@@ -165,7 +165,7 @@ Result<RaycastScene> scene_of(const RaycastArguments& a, const SourceArguments& 
     return misuse(a.source.states_file.empty() ? a.source.input : a.source.states_file,
                   a.state.empty() ? "has several states: choose one by --state"
                                   : concat("has no state '", a.state, "'"));
-  return RaycastScene{found->scene, sphere_of(source, field_states(made))};
+  return RaycastScene{found->scene, sphere};
 }
 
 /// Names the pictures of cameras in the folder of their output. bad_file: two have one name, or one

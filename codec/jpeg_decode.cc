@@ -1,49 +1,13 @@
 #include "codec/jpeg_decode.h"
 
-// jpeglib.h needs FILE and size_t declared before it.
-#include <jpeglib.h>
-#include <cstddef>
-#include <cstdio>
-
-#include <jerror.h>
-
 #include <cassert>
-#include <csetjmp>
 #include <cstring>
 
 #include "base/per_thread.h"
+#include "codec/jpeg_errors.h"
 
 namespace slf::codec {
 namespace {
-
-// libjpeg reports an error by calling us, and we must not return to it: we jump out. No object with
-// a destructor may live in the frames between setjmp and the jump.
-struct ErrorManager {
-  jpeg_error_mgr base;
-  std::jmp_buf jump;
-  char message[JMSG_LENGTH_MAX];
-};
-
-[[noreturn]] void raise_error(j_common_ptr info) {
-  auto* manager = reinterpret_cast<ErrorManager*>(info->err);
-  manager->base.format_message(info, manager->message);
-  std::longjmp(manager->jump, 1);
-}
-
-// Warnings (level < 0) mean damage; the other levels are traces.
-void refuse_warning(j_common_ptr info, int level) {
-  if (level < 0) raise_error(info);
-}
-
-void ignore_message(j_common_ptr) {}
-
-jpeg_error_mgr* init(ErrorManager& manager) {
-  jpeg_std_error(&manager.base);
-  manager.base.error_exit = raise_error;
-  manager.base.emit_message = refuse_warning;
-  manager.base.output_message = ignore_message;
-  return &manager.base;
-}
 
 void append(Bytes& to, std::initializer_list<int> values) {
   for (const int value : values) to.push_back(static_cast<std::byte>(value));
@@ -79,7 +43,10 @@ class Decompressor {
   // Returns null, or a message if it fails.
   const char* decode(ByteSpan stream, const JpegShape& shape, std::uint8_t* pixels) {
     if (setjmp(errors_.jump)) {
-      created_ ? jpeg_abort_decompress(&info_) : jpeg_destroy_decompress(&info_);
+      if (created_)
+        jpeg_abort_decompress(&info_);
+      else
+        jpeg_destroy_decompress(&info_);
       return errors_.message;
     }
     if (!created_) {

@@ -2,14 +2,10 @@
 
 #include "codec/jpeg_tables.h"
 
-// jpeglib.h needs FILE and size_t declared before it.
-#include <jpeglib.h>
-#include <csetjmp>
-#include <cstddef>
-#include <cstdio>
-
 #include <algorithm>
 #include <new>
+
+#include "codec/jpeg_errors.h"
 
 namespace slf::codec {
 namespace {
@@ -35,19 +31,12 @@ JpegTables standard_tables(int quality) {
   JpegTables tables;
   tables.quantisation[0].fill(quantisation_step(quality, 28));
   tables.quantisation[1].fill(quantisation_step(quality, 18));
-  struct Compressor {
-    jpeg_compress_struct info{};
-    jpeg_error_mgr errors{};
-    std::jmp_buf jump{};
-    ~Compressor() { jpeg_destroy_compress(&info); }
-  } compressor;
-  jpeg_compress_struct& compress = compressor.info;
-  compress.err = jpeg_std_error(&compressor.errors);
-  compress.client_data = &compressor;
-  compressor.errors.error_exit = [](j_common_ptr info) {
-    std::longjmp(static_cast<Compressor*>(info->client_data)->jump, 1);
-  };
-  if (setjmp(compressor.jump)) throw std::bad_alloc();  // nothing else can fail
+  struct Compressor : jpeg_compress_struct {
+    ErrorManager errors{};
+    ~Compressor() { jpeg_destroy_compress(this); }
+  } compress{};
+  compress.err = init(compress.errors);
+  if (setjmp(compress.errors.jump)) throw std::bad_alloc();  // nothing else can fail
   jpeg_create_compress(&compress);
   compress.in_color_space = JCS_RGB;
   compress.input_components = 3;

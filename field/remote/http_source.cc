@@ -110,6 +110,12 @@ struct HttpSource::Transfer {
     curl.easy_getinfo(easy, CURLINFO_RETRY_AFTER, &seconds);
     return static_cast<double>(seconds);
   }
+  /// Whether the request has left for the server.
+  [[nodiscard]] bool was_sent() const {
+    long bytes = 0;
+    curl.easy_getinfo(easy, CURLINFO_REQUEST_SIZE, &bytes);
+    return bytes > 0;
+  }
   /// Takes a piece of the body. Returns false to end the transfer.
   bool take_body(std::string_view piece);
 
@@ -161,7 +167,11 @@ class HttpSource::ConnectionLease {
   ConnectionLease(const ConnectionLease&) = delete;
   ConnectionLease& operator=(const ConnectionLease&) = delete;
   ~ConnectionLease() {
-    while (!connections().running.empty()) connections().stop(*connections().running.back());
+    while (!connections().running.empty()) {
+      Transfer& transfer = *connections().running.back();
+      if (!transfer.was_sent()) --source_.requests_;
+      connections().stop(transfer);
+    }
     const std::lock_guard lock(source_.mutex_);
     source_.idle_.splice(source_.idle_.end(), ours_);
   }

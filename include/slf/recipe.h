@@ -176,9 +176,9 @@ class StateScenes {
 
 /// For build_field(). They must not outlive the scenes.
 [[nodiscard]] std::vector<FieldState> field_states(const std::vector<NamedScene>& scenes);
-/// The sphere of their field: around what is visible in any state, but for what the recipe states.
-[[nodiscard]] Sphere sphere_of(const Recipe& recipe, std::span<const FieldState> states);
-/// Recipe::field with that sphere and the reveal that the recipe asks for. Errors as make_reveal().
+/// The sphere of a field: around what is `visible`, but for what the recipe states.
+[[nodiscard]] Sphere sphere_of(const Recipe& recipe, const Sphere& visible);
+/// Recipe::field with the sphere around what is visible in any state and the reveal that the recipe asks for. Errors as make_reveal().
 [[nodiscard]] Result<BuildOptions> field_options(const Recipe& recipe,
                                                  std::span<const FieldState> states);
 /// Adds a reveal to a finished field. The recipe names the volume that it was built from, and what

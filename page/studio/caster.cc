@@ -27,12 +27,6 @@ constexpr std::uint32_t kThumbnail = 112;  // pixels along a side
 constexpr double kCoarser = 2;             // factor of light's spacing, and of its paths squared
 constexpr int kMovingQuality = 78, kQuality = 90;  // of JPEG
 
-/// The sphere of a field of a scene.
-Sphere sphere_around(const Recipe& recipe, const Scene& scene) {
-  const FieldState state{"", &scene};
-  return sphere_of(recipe, {&state, 1});
-}
-
 Camera camera_of(const Look& look, const Sphere& own) {
   return page_camera(look.sphere.radius > 0 ? look.sphere : own, look.orbit, look.width,
                      look.height);
@@ -128,7 +122,7 @@ std::optional<glm::dvec3> Caster::meet(const Look& look, double x, double y) {
   {
     const std::lock_guard lock(mutex_);
     scene = plain_;
-    if (scene) sphere = sphere_around(recipe_, *scene);
+    if (scene) sphere = sphere_of(recipe_, scene->bounds());
   }
   if (!scene || look.width == 0 || look.height == 0) return std::nullopt;
   const auto rays = RayGenerator::make(camera_of(look, sphere));
@@ -224,7 +218,7 @@ Result<Drawn> Caster::picture_of(const Job& job) {
   // Coarse light that is complete costs no more than direct light.
   const Stage stage = nearest(std::max(job.stage, prepared_ ? Stage::coarse : Stage::direct));
   const auto shown = SLF_TRY(small ? make(Stage::direct, job.transfer) : scene(stage));
-  const Sphere sphere = sphere_around(drawn_, *shown);
+  const Sphere sphere = sphere_of(drawn_, shown->bounds());
   Look look = job.look;
   if (small) look = {1, {{}, 0}, {30, 20, 3, 0, 0, 0}, kThumbnail, kThumbnail, false};
   const double shrink = moving ? std::sqrt(std::min(1.0, pixels_ / look.width / look.height)) : 1;

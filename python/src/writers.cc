@@ -112,7 +112,7 @@ void bind_writers(py::module_& module) {
     call.value(path, [&] { return add_reveal(path, recipe); });
   });
   module.def("sphere_of", [](const Recipe& recipe, const Scenes& scenes) {
-    return tuple_of(sphere_of(recipe, states_of(scenes)));
+    return tuple_of(sphere_of(recipe, bounds_of(states_of(scenes))));
   });
   module.def("repack", repack);
   module.def("merge", merge);

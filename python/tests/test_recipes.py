@@ -36,6 +36,15 @@ def test_a_recipe_builds_what_its_options_do(write, tmp_path, command):
         assert filecmp.cmp(field.path, tmp_path / f"{name}.slf", shallow=False), name
 
 
+def test_rays_are_cast_within_the_sphere_of_a_recipe(write, tmp_path):
+    recipe = write(center=[4, 4, 4], radius=2)
+    field = slf.build(recipe, tmp_path / "a.slf")
+    assert field.shape.sphere == ((4, 4, 4), 2)
+    cast = slf.raycast(recipe, size=(32, 32))
+    within = np.abs(field.render(size=(32, 32)) - cast).mean()
+    assert within < 0.3 * np.abs(slf.raycast(write(), size=(32, 32)) - cast).mean()
+
+
 def test_settings_replace_what_a_recipe_states(write, tmp_path):
     field = slf.build(write(transfer="flame"), tmp_path / "a.slf", finest_level=0)
     assert field.finest_level == 0 and field.shape.entry_side == SMALL["entry"]

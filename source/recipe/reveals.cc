@@ -76,14 +76,13 @@ Result<std::vector<std::byte>> reveal_code(const Recipe& recipe,
 
 }  // namespace
 
-Sphere sphere_of(const Recipe& recipe, std::span<const FieldState> states) {
-  const auto [center, radius] = bounds_of(states);
-  return {recipe.center.value_or(center), recipe.radius.value_or(radius)};
+Sphere sphere_of(const Recipe& recipe, const Sphere& visible) {
+  return {recipe.center.value_or(visible.center), recipe.radius.value_or(visible.radius)};
 }
 
 Result<BuildOptions> field_options(const Recipe& recipe, std::span<const FieldState> states) try {
   BuildOptions options = recipe.field;
-  options.shape.sphere = sphere_of(recipe, states);
+  options.shape.sphere = sphere_of(recipe, bounds_of(states));
   if (recipe.reveal) options.reveal = SLF_TRY(reveal_code(recipe, states));
   return options;
 } catch (...) {

@@ -26,6 +26,8 @@ MIN_PSNR = {"bitri": 45.0, "depth": 42.0}  # dB
 # Software graphics take a second for a picture of 512². Half of that shows the same mistakes;
 # fields that are given are drawn in full.
 SIZE = 512 if sys.argv[4:] else 256
+# Full checks (SLF_EVERY_BYTE) leave nothing out.
+FULL = sys.argv[4:] or os.environ.get("SLF_EVERY_BYTE")
 PICTURE = "slf.root.getElementById('picture').toDataURL()"
 
 

@@ -625,12 +625,18 @@ class StudioTest(unittest.TestCase):
         with open(path("ball.nhdr")) as file, open(path("atlas.nhdr"), "w") as atlas:
             atlas.write(file.read().replace("ball.raw", "atlas.raw"))
 
-    def test_meshes_and_analytic_scenes(self):
-        for source in ["scene:balls"]:
-            with Studio(source, "-o", "balls.slf") as studio:
-                page = self.open(studio)
-                self.assertEqual(page.run("document.getElementById('status').textContent"), "")
-                page.close()
+    def test_an_analytic_scene_within_a_sphere(self):
+        with open(path("within.json"), "w") as file:
+            json.dump({"input": "scene:balls", "center": [0.2, 0, 0], "radius": 0.5}, file)
+        with Studio("within.json", "-o", "balls.slf") as studio:
+            page = self.open(studio)
+            self.assertEqual(page.run("document.getElementById('status').textContent"), "")
+            self.canvas(page, "shown.png")
+            size = page.run("['width', 'height'].map((side) =>"
+                            " document.getElementById('picture')[side]).join('x')")
+            page.close()
+        slf("raycast", path("within.json"), "-o", path("cast.png"), "--size", size)
+        self.assertIn("inf", slf("compare", path("shown.png"), path("cast.png")))
 
 
 if __name__ == "__main__":
