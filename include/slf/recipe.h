@@ -178,7 +178,8 @@ class StateScenes {
 [[nodiscard]] std::vector<FieldState> field_states(const std::vector<NamedScene>& scenes);
 /// The sphere of a field: around what is `visible`, but for what the recipe states.
 [[nodiscard]] Sphere sphere_of(const Recipe& recipe, const Sphere& visible);
-/// Recipe::field with the sphere around what is visible in any state and the reveal that the recipe asks for. Errors as make_reveal().
+/// Recipe::field with the sphere around what is visible in any state, and with the reveal that the
+/// recipe asks for. Errors as make_reveal().
 [[nodiscard]] Result<BuildOptions> field_options(const Recipe& recipe,
                                                  std::span<const FieldState> states);
 /// Adds a reveal to a finished field. The recipe names the volume that it was built from, and what
