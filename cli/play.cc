@@ -358,7 +358,8 @@ void add_play(CLI::App& app, Run& run) {
       ->add_option("--states", a->states,
                    "Show these states of the field in turn, one in each frame: a half-open\n"
                    "range of their numbers, as 0:40; : are all")
-      ->type_name("FIRST:END");
+      ->type_name("FIRST:END")
+      ->excludes("--state");
   command->option_defaults()->group("Path");
   auto* keys =
       command->add_option("--path", a->path,

@@ -94,9 +94,13 @@ Result<Field> compose_looks(const Field& field, std::span<const StructureLook> l
   std::vector<StructureLook> others;
   auto shown = SLF_TRY(structures_of(field, looks, others));
   for (const StructureLook& other : others) {
-    if (other.opacity == 0) continue;  // it need not even exist
+    const bool is_state = !other.name.ends_with(".slf") && !field.states().empty();
+    if (other.opacity == 0) {  // a file need not even exist, but what is said to be a state
+      if (is_state && !other.field) SLF_TRY(field.in_state(other.name));
+      continue;
+    }
     auto one = other.field ? *other.field : open(other.name);
-    if (!one && one.error().code == ErrorCode::not_found && !field.states().empty())
+    if (!one && one.error().code == ErrorCode::not_found && is_state)
       one = field.in_state(other.name);  // names what there is
     const auto opened = SLF_TRY(std::move(one));
     shown.push_back({opened, other.opacity, other.tint});

@@ -245,16 +245,20 @@ double find_reach(const std::vector<CellRun>& runs, const Volume& volume, const 
 
 }  // namespace
 
-std::optional<Sphere> find_visible_space(const Volume& volume, RayGrid& grid) {
+std::optional<Sphere> find_visible_space(const Volume& volume, RayGrid& grid, bool may_be_empty) {
   for (std::size_t axis = 0; axis < 3; ++axis)
     grid.bricks[axis] = (grid.dims[axis] - 1 + kBrick - 1) / kBrick;
-  const auto runs = visit_voxels(volume, [&](auto voxels) {
+  auto runs = visit_voxels(volume, [&](auto voxels) {
     const Visibility visible(grid, voxels);
     grid.distance = find_visible_bricks(grid, voxels, visible);
     grid.visible_cells = find_visible_cells(grid, visible);
     return find_runs(grid);
   });
-  if (runs.empty()) return std::nullopt;
+  if (runs.empty()) {
+    if (!may_be_empty) return std::nullopt;
+    const glm::ivec3 middle = (last_voxel(grid) - 1) / 2;
+    runs.push_back({middle, middle});
+  }
   spread_distance(grid.distance, grid.bricks);
   find_visible_box(runs, grid);
   const glm::dvec3 middle = (grid.visible_low + grid.visible_high) / 2.0;

@@ -9,11 +9,13 @@
 namespace slf {
 
 /// Computes the grid's bricks, distances and visible box from its table and dims. Returns a sphere
-/// from the middle of that box to the farthest visible cell, or nothing if there are none. The
-/// sphere depends only on the volume and the table.
-[[nodiscard]] std::optional<Sphere> find_visible_space(const Volume& volume, RayGrid& grid);
+/// from the middle of that box to the farthest visible cell. The sphere depends only on the volume
+/// and the table. Without a visible cell: nothing, or, if it `may_be_empty`, as if the one in the
+/// middle were visible.
+[[nodiscard]] std::optional<Sphere> find_visible_space(const Volume& volume, RayGrid& grid,
+                                                       bool may_be_empty = false);
 
-/// A little more than the distance of a point to the farthest visible cell. REQUIRES: there is one.
+/// A little more than the distance of a point to the farthest visible cell; 0 without one.
 [[nodiscard]] double find_reach(const Volume& volume, const RayGrid& grid, const glm::dvec3& from);
 
 }  // namespace slf

@@ -247,7 +247,7 @@ Result<std::unique_ptr<VolumeScene>> make_volume_scene(Volume volume,
   grid.light = {glm::vec3(glm::normalize(options.light)), 0};
   grid.ambient = options.ambient;
 
-  const std::optional<Sphere> bounds = find_visible_space(v, grid);
+  const std::optional<Sphere> bounds = find_visible_space(v, grid, options.may_be_empty);
   if (!bounds && !voxels.finite)
     return bad_file(v.source,
                     "all values are NaN or infinite: nothing is visible under any transfer "
@@ -262,9 +262,11 @@ Result<std::unique_ptr<VolumeScene>> make_volume_scene(Volume volume,
     return fail_without("mask", ErrorCode::failed, v.source,
                         ": nothing visible is left by the mask ", options.parts.mask->source);
   if (!bounds)
-    return fail(ErrorCode::failed, v.source, ": the transfer function '", transfer.name,
-                "' leaves nothing visible: its opacity is zero over all values of the volume (",
-                v.value_range()[0], " to ", v.value_range()[1], ")");
+    return fail_without("transfer", ErrorCode::failed, v.source, ": the transfer function '",
+                        transfer.name,
+                        "' leaves nothing visible: its opacity is zero over all values of the "
+                        "volume (",
+                        v.value_range()[0], " to ", v.value_range()[1], ")");
   scene->bounds = *bounds;
   return scene;
 }

@@ -74,7 +74,10 @@ Result<RaycastOptions> rays_of(const Recipe& d, const json& built) {
                           "the field was lit by an environment picture: name the same file");
   }
   options.ambient = d.ambient.value_or(options.ambient);
-  if (!d.truth_of.empty()) options.step = std::min(options.step, kTruthStep);
+  if (!d.truth_of.empty()) {
+    options.step = std::min(options.step, kTruthStep);
+    options.may_be_empty = true;
+  }
   if (!d.light_rig.empty()) options.lighting.rig = SLF_TRY(read_rig(d.light_rig));
   if (d.light) {
     options.light = *d.light;

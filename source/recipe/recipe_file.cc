@@ -74,6 +74,12 @@ json with_underscores(const json& from) {
   return to;
 }
 
+/// Whether a result is the error of a choice that was not made.
+template <class T>
+bool lacks(std::string_view choice, const Result<T>& result) {
+  return !result && result.error().choice && choice == result.error().choice;
+}
+
 /// Adds the scenes of a state: those of each time point, if it has several.
 Result<void> add_state(StateScenes& to, const Recipe& common, const RecipeState& state) {
   Recipe recipe = common;
@@ -85,28 +91,42 @@ Result<void> add_state(StateScenes& to, const Recipe& common, const RecipeState&
   for (const recipe::Option& option : recipe::options())
     if (!(option.kinds & kind) && !own_options.contains(option.name))
       SLF_TRY(recipe::set(recipe, option.name, nullptr));
-  const bool all = state.each_time || recipe.each_time;
-  for (unsigned time = 0;; ++time) {
+  recipe.each_time = recipe.each_time || state.each_time;
+  if (!recipe.each_time) return to.add(state.name, std::move(recipe), state.light_from);
+  const auto at = [&](unsigned time) {
     Recipe own = recipe;
-    own.each_time = all;
-    if (all) own.reading.time = time;
-    if (time > 0) {  // values keep their colours over time
-      const auto before = json::parse(to.scenes().back().scene->provenance());
-      if (!before.value("labels", false)) {
-        own.transfer.clear();
-        own.range.reset();
-        own.make_transfer = [colors = before["transfer"].dump()](const Volume&) {
-          return parse_transfer(colors, "the first time");
-        };
-      }
-    }
-    const auto added =
-        to.add(all ? concat(state.name, " ", time) : state.name, std::move(own), state.light_from);
-    const char* const choice = added ? nullptr : added.error().choice;
-    if (all && time > 0 && choice && std::string_view(choice) == "time") return {};  // the last was
-    SLF_TRY(added);
-    if (!all) return {};
+    own.reading.time = time;
+    return own;
+  };
+  const auto add = [&](unsigned time) {
+    return to.add(concat(state.name, " ", time), at(time), state.light_from);
+  };
+  const auto keep_colors = [&](const Scene& of) {  // values keep their colours over time
+    recipe.raycast.may_be_empty = true;
+    const auto shown = json::parse(of.provenance());
+    if (shown.value("labels", false)) return;
+    recipe.transfer.clear();
+    recipe.range.reset();
+    recipe.make_transfer = [colors = shown["transfer"].dump()](const Volume&) {
+      return parse_transfer(colors, "the first time");
+    };
+  };
+  auto added = add(0);
+  // Where the first times show nothing, the colours are those of the first one that does.
+  for (unsigned time = 1; lacks("transfer", added); ++time) {
+    Recipe own = at(time);
+    own.on_note = {};  // add() notes the same
+    auto scene = make_scene(own);
+    if (lacks("time", scene)) break;
+    if (lacks("transfer", scene)) continue;
+    const auto shows = SLF_TRY(std::move(scene));
+    keep_colors(*shows);
+    added = add(0);
   }
+  SLF_TRY(added);
+  keep_colors(*to.scenes().back().scene);
+  for (unsigned time = 1; !lacks("time", added = add(time)); ++time) SLF_TRY(added);
+  return {};
 }
 
 }  // namespace

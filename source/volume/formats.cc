@@ -285,6 +285,21 @@ tl::unexpected<Error> refusal(const std::string& path, const Known& known) {
   return unsupported(path, known.name, ", which is not read: ", known.way);
 }
 
+/// Names the folder within this one that has the most files, for the end of a message.
+std::string fullest_within(const std::string& path) {
+  std::map<std::string, std::size_t> files;
+  std::error_code code, ignored;
+  std::size_t left = 100'000;  // entries to look at
+  for (fs::recursive_directory_iterator it(path, code), end; !code && it != end && left-- > 0;
+       it.increment(code))
+    if (const fs::path folder = it->path().parent_path();
+        folder != fs::path(path) && it->is_regular_file(ignored))
+      ++files[folder.string()];
+  const auto most = std::ranges::max_element(files, {}, [](const auto& one) { return one.second; });
+  if (most == files.end()) return {};
+  return concat("; ", most->first, " has ", most->second, most->second == 1 ? " file" : " files");
+}
+
 }  // namespace
 
 Result<void> refuse_known(const std::string& path, std::string_view head) {
@@ -349,13 +364,13 @@ tl::unexpected<Error> refuse_folder(const std::string& path) {
                        " files; give the one that is the volume, such as ", first_volume);
   if (files == 0)
     return bad_file(path, "the folder holds no files", folders ? ", only folders" : "",
-                    ": give the folder that holds the slices themselves");
+                    ": give the folder that holds the slices themselves", fullest_within(path));
   const std::string found = joined(kinds, ", ", [](const auto& kind) {
     return (kind.second == 1 ? "once " : concat(kind.second, " times ")).append(kind.first);
   });
   return bad_file(path, "among its ", files, " files is no DICOM picture, PNG, JPEG or TIFF",
                   found.empty() ? "" : " (" + found + ")",
-                  ": give the folder that holds the slices themselves");
+                  ": give the folder that holds the slices themselves", fullest_within(path));
 }
 
 Result<void> refuse_series(const std::string& path, const VolumeOptions& options) {
