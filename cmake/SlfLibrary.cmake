@@ -15,9 +15,10 @@ target_compile_options(slf_options INTERFACE
 if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
   # GCC 12 sees overlaps in std::string that are not there (GCC bug 105651).
   target_compile_options(slf_options INTERFACE -Wno-restrict)
-  if(CMAKE_UNITY_BUILD)  # in which names of one source stand before those of the next
-    target_compile_options(slf_options INTERFACE -Wno-shadow -Wno-subobject-linkage)
-  endif()
+endif()
+if(CMAKE_UNITY_BUILD)  # in which names of one source stand before those of the next
+  target_compile_options(slf_options INTERFACE -Wno-shadow
+    $<$<CXX_COMPILER_ID:GNU>:-Wno-subobject-linkage>)
 endif()
 if(CMAKE_SYSTEM_PROCESSOR STREQUAL "aarch64")
   # Highway's NEON vectors take them for granted.

@@ -2,7 +2,7 @@
 // frames belong to one segment each, as labels.
 #include <algorithm>
 #include <cstring>
-#include <ranges>
+#include <iterator>
 
 #include "base/try.h"
 #include "slf/tone.h"
@@ -83,11 +83,11 @@ class Labels {
 
 std::string list_of(const LabelTable& segments) {
   constexpr std::ptrdiff_t kNamed = 10;
-  const std::string named =
-      joined(segments | std::views::take(kNamed), ", ", [](const auto& segment) {
-        const auto& [id, style] = segment;
-        return concat(id, style.name.empty() ? "" : " " + in_quotes(style.name));
-      });
+  const auto last = std::ranges::next(segments.begin(), kNamed, segments.end());
+  const auto named = joined(LabelTable(segments.begin(), last), ", ", [](const auto& segment) {
+    const auto& [id, style] = segment;
+    return concat(id, style.name.empty() ? "" : " " + in_quotes(style.name));
+  });
   return concat("a segmentation of ", segments.size(),
                 segments.size() == 1 ? " segment" : " segments", segments.empty() ? "" : ": ",
                 named, std::ssize(segments) > kNamed ? ", …" : "");
