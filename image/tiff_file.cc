@@ -130,10 +130,11 @@ Result<void> check_compression(const TiffFile& file) {
   const auto compression = file.tag<std::uint16_t>(TIFFTAG_COMPRESSION, COMPRESSION_NONE);
   for (const int read :
        {COMPRESSION_NONE, COMPRESSION_LZW, COMPRESSION_JPEG, COMPRESSION_ADOBE_DEFLATE,
-        COMPRESSION_DEFLATE, COMPRESSION_PACKBITS, COMPRESSION_LZMA, COMPRESSION_ZSTD})
+        COMPRESSION_DEFLATE, COMPRESSION_PACKBITS, COMPRESSION_LZMA, COMPRESSION_ZSTD,
+        COMPRESSION_CCITTRLE, COMPRESSION_CCITTFAX3, COMPRESSION_CCITTFAX4})
     if (compression == read) return {};
   return unsupported(file.path, "compression ", compression,
-                     ", expected none, LZW, deflate, PackBits, JPEG, LZMA or zstd");
+                     ", expected none, LZW, deflate, PackBits, JPEG, LZMA, zstd or CCITT fax");
 }
 
 bool has_planes(const TiffFile& file) {

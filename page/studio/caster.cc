@@ -300,13 +300,13 @@ Result<std::shared_ptr<const Scene>> Caster::make(Stage stage, const std::string
     light.spacing = std::min(16.0, kCoarser * light.spacing);
     light.samples = std::max(1u, static_cast<std::uint32_t>(light.samples / kCoarser / kCoarser));
   }
-  if (readings_.size() > kMaxReadings) readings_.erase(readings_.begin());
+  if (readings_.volumes.size() > kMaxReadings) readings_.volumes.erase(readings_.volumes.begin());
   std::shared_ptr<const Scene> made =
       SLF_TRY(guarded([&] { return recipe::scene_of(recipe, &readings_); }));
   const std::lock_guard lock(mutex_);
   if (transfer.empty()) notes_ = std::move(notes);
   volume_ = recipe.volume;
-  for (const recipe::Reading& reading : readings_)
+  for (const recipe::Reading& reading : readings_.volumes)
     if (reading.path == recipe.input) volume_ = std::make_shared<const Volume>(reading.volume);
   return made;
 }

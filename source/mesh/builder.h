@@ -99,9 +99,10 @@ class MeshBuilder {
 /// light.
 inline constexpr float kPlainColor = 0.6f;
 
-/// What the colours of a file run to, of which this is the largest number: 1, 255 or 65535.
+/// What the colours of a file run to, of which this is the largest number: 1, 255 or 65535. Colours
+/// that were interpolated may be a little larger.
 [[nodiscard]] constexpr double color_scale(double largest) {
-  return largest > 255 ? 65535 : largest > 1 ? 255 : 1;
+  return largest > 256 ? 65535 : largest > 2 ? 255 : 1;
 }
 
 /// A colour as files write it, 0 to 1.

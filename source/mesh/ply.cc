@@ -229,9 +229,9 @@ class PlyReader {
       return {};
     const std::string_view data = rest_;
     std::vector<glm::dvec2> places;
-    std::uint64_t faces = 0;
+    const auto face_element = std::ranges::find(elements_, "face", &Element::name);
+    const std::uint64_t faces = face_element == elements_.end() ? 0 : face_element->count;
     for (const Element& element : elements_) {
-      if (element.name == "face") faces = element.count;
       const int u = element.find({"u"}), v = element.find({"v"}), face = element.find({"tn"}),
                 texture = element.find({"tx"}), indices = element.find({"texture_vertex_indices"});
       SLF_TRY(read_rows(element, [&](std::uint64_t k, const Row& row) -> Result<void> {
@@ -265,7 +265,7 @@ class PlyReader {
     const auto is_float = [&](int k) {
       return k >= 0 && element.properties[static_cast<std::size_t>(k)].type >= ScalarType::f32;
     };
-    ColorScales largest{is_float(color[0]) ? 0.0 : 2.0, is_float(color[3]) ? 0.0 : 2.0};
+    ColorScales largest{is_float(color[0]) ? 0.0 : 255.0, is_float(color[3]) ? 0.0 : 255.0};
     if (!std::ranges::all_of(color, is_byte)) {
       const std::string_view data = rest_;
       SLF_TRY(read_rows(element, [&](std::uint64_t, const Row& row) -> Result<void> {

@@ -9,6 +9,7 @@
 #include "base/file.h"
 #include "base/join.h"
 #include "base/try.h"
+#include "base/utf8.h"
 #include "field/geometry/directions.h"
 #include "source/volume/formats.h"
 
@@ -27,7 +28,8 @@ std::vector<std::string> PictureSet::files() const {
 
 Result<PictureSet> read_cameras(const std::string& path) try {
   const auto bytes = SLF_TRY(read_file(path, cameras::kMaxFileBytes));
-  const std::string_view text = chars_of(bytes);
+  std::string made;
+  const std::string_view text = as_utf8(chars_of(bytes), made);
   SLF_TRY(volume_io::refuse_known(path, text.substr(0, 4096)));
   const std::string folder = fs::path(path).parent_path().string();
   if (path.ends_with(".csv")) return cameras::parse_cinema(text, path, folder);

@@ -6,7 +6,6 @@
 #include <numbers>
 
 #include "base/try.h"
-#include "base/utf8.h"
 #include "source/pictures/cameras.h"
 
 namespace slf::cameras {
@@ -173,8 +172,8 @@ class Reader {
 
 Result<PictureSet> parse_transforms(std::string_view text, const std::string& name,
                                     const std::string& folder) {
-  std::string made;
-  const Json root = Json::parse(as_utf8(text, made), nullptr, false);
+  constexpr bool kThrows = false, kCommentsAllowed = true;  // as in instant-ngp
+  const Json root = Json::parse(text, nullptr, kThrows, kCommentsAllowed);
   if (!root.is_object() || !root.contains("frames") || !root["frames"].is_array())
     return bad_file(name, "expected JSON with an array \"frames\", as in transforms.json");
   const Json& frames = root["frames"];

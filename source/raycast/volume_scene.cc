@@ -262,11 +262,9 @@ Result<std::unique_ptr<VolumeScene>> make_volume_scene(Volume volume,
     return fail_without("mask", ErrorCode::failed, v.source,
                         ": nothing visible is left by the mask ", options.parts.mask->source);
   if (!bounds)
-    return fail_without("transfer", ErrorCode::failed, v.source, ": the transfer function '",
-                        transfer.name,
-                        "' leaves nothing visible: its opacity is zero over all values of the "
-                        "volume (",
-                        v.value_range()[0], " to ", v.value_range()[1], ")");
+    return fail(ErrorCode::failed, v.source, ": the transfer function '", transfer.name,
+                "' leaves nothing visible: its opacity is zero over all values of the volume (",
+                v.value_range()[0], " to ", v.value_range()[1], ")");
   scene->bounds = *bounds;
   return scene;
 }

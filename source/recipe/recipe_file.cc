@@ -9,6 +9,7 @@
 #include "base/try.h"
 #include "source/recipe/options.h"
 #include "source/recipe/scenes.h"
+#include "source/volume/formats.h"
 
 namespace slf {
 namespace {
@@ -174,6 +175,7 @@ Result<void> read_recipe(const std::string& path, Recipe& to) try {
     return {};
   }();
   if (ok) return {};
+  SLF_TRY(volume_io::refuse_known(path, chars_of(bytes).substr(0, 4096)));
   if (options.contains("frames"))
     return bad_file(path, "has pictures with cameras, not a volume: name it pictures:", path);
   auto error = bad_file(path, ok.error().message);

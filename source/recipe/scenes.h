@@ -20,7 +20,11 @@ struct Reading {
   VolumeOptions options;
   Volume volume;  // whose copies share the voxels
 };
-using Readings = std::vector<Reading>;
+/// What the scenes of states have in common.
+struct Readings {
+  std::vector<Reading> volumes{};
+  std::string unit{};  ///< of the first scene's world, which others are converted to
+};
 
 void note(const Recipe& d, const std::string& text, const char* choice = nullptr);
 void note_all(const Recipe& d, const std::string& source, const std::vector<std::string>& notes);

@@ -18,12 +18,12 @@ using nlohmann::json;
 /// `kept`: null: none.
 Result<Volume> read_once(const std::string& path, const VolumeOptions& options, Readings* kept) {
   if (kept == nullptr) return read_volume(path, options);
-  for (const Reading& before : *kept)
+  for (const Reading& before : kept->volumes)
     if (before.path == path && before.options == options) return before.volume;
   auto volume = SLF_TRY(read_volume(path, options));
   volume.share();
-  kept->push_back({path, options, std::move(volume)});
-  return kept->back().volume;
+  kept->volumes.push_back({path, options, std::move(volume)});
+  return kept->volumes.back().volume;
 }
 
 VolumeOptions reading_of(const Recipe& d) {
@@ -56,15 +56,48 @@ Result<Volume> read_structure(const Recipe& d, const std::string& path, Readings
   return read_once(path, options, kept);
 }
 
-/// A part of a volume in the volume's unit, if both state theirs.
-std::shared_ptr<const Volume> in_unit_of(const Volume& volume, std::shared_ptr<const Volume> part) {
-  const auto from = volume_io::micrometres(part->unit), to = volume_io::micrometres(volume.unit);
-  if (!from || !to || *from == *to) return part;
-  auto scaled = std::make_shared<Volume>(*part);
-  scaled->axes *= *from / *to;
-  scaled->origin *= *from / *to;
-  scaled->unit = volume.unit;
-  return scaled;
+/// Converts a volume to a unit, if both are known.
+void convert_to(const std::string& unit, Volume& volume) {
+  const auto from = volume_io::micrometres(volume.unit), to = volume_io::micrometres(unit);
+  if (!from || !to || *from == *to) return;
+  volume.axes *= *from / *to;
+  volume.origin *= *from / *to;
+  volume.unit = unit;
+}
+
+/// How much of the larger one of the boxes around two volumes is in both, 0 to 1.
+double overlap(const Volume& a, const Volume& b) {
+  std::array<glm::dvec3, 2> low, high;
+  for (const std::size_t k : {0, 1}) {
+    const Volume& v = k == 0 ? a : b;
+    low[k] = high[k] = v.origin;
+    for (int corner = 1; corner < 8; ++corner) {
+      glm::dvec3 at;
+      for (int i = 0; i < 3; ++i) at[i] = (corner >> i & 1) * double(v.dims[i]);
+      low[k] = glm::min(low[k], v.origin + v.axes * at);
+      high[k] = glm::max(high[k], v.origin + v.axes * at);
+    }
+  }
+  const auto size = [](const glm::dvec3& s) {
+    return std::max(s.x, 0.) * std::max(s.y, 0.) * std::max(s.z, 0.);
+  };
+  return size(glm::min(high[0], high[1]) - glm::max(low[0], low[1])) /
+         std::max(size(high[0] - low[0]), size(high[1] - low[1]));
+}
+
+/// A part of a volume in the volume's unit. Most files that state none are in millimetres.
+std::shared_ptr<const Volume> in_unit_of(const Volume& volume, std::shared_ptr<const Volume> part,
+                                         const Recipe& d) {
+  auto converted = std::make_shared<Volume>(*part);
+  if (part->unit.empty()) converted->unit = "mm";
+  convert_to(volume.unit, *converted);
+  if (same_grid(*converted, *part)) return part;
+  if (part->unit.empty()) {
+    if (overlap(volume, *converted) <= overlap(volume, *part)) return part;
+    note(d,
+         part->source + ": states no unit: taken as millimetres, as it then fits " + volume.source);
+  }
+  return converted;
 }
 
 Result<VolumeParts> read_parts(const Recipe& d, const json& built, Readings* kept) {
@@ -121,7 +154,7 @@ Result<TransferFunction> colors_of(const Recipe& d, const std::optional<Transfer
 void join_parts(const Recipe& d, VolumeParts& of, Volume& volume) {
   for (auto* const place : {&of.labels, &of.mask}) {
     if (!*place) continue;
-    *place = in_unit_of(volume, *place);
+    *place = in_unit_of(volume, *place, d);
     const auto& part = *place;
     volume.files.insert(volume.files.end(), part->files.begin(), part->files.end());
     if (same_grid(*part, volume)) continue;
@@ -196,6 +229,9 @@ Result<std::unique_ptr<Scene>> volume_scene(const Recipe& d, Readings* kept) {
   options.parts = SLF_TRY(read_parts(d, built, kept));
   auto volume = SLF_TRY(volume_of(d, kept));
   note_all(d, volume.source, volume.notes);
+  const json unit = built.value("unit", json(kept ? kept->unit : ""));
+  if (unit.is_string()) convert_to(unit.get<std::string>(), volume);
+  if (kept && kept->unit.empty()) kept->unit = volume.unit;
   if (volume.labels) volume.label_styles = SLF_TRY(styles_of(d, volume));
   if (!d.label_table.empty() && !volume.labels && !options.parts.labels)
     return fail_without("labels_volume", ErrorCode::usage, volume.source,

@@ -53,18 +53,21 @@ tl::unexpected<Error> bad_line(const std::string& source, std::size_t line, cons
 /// The rows of a text, by line.
 using Rows = std::vector<std::pair<std::size_t, Entry>>;
 
-/// Colours and opacities run to 255, or to 1 where none in the table is more.
+/// Colours and opacities run to 255, or to 1 where none in the table is more, but for rounding.
 Result<LabelTable> table_of(const Rows& rows, const std::string& source, bool last_wins = false) {
   double color = 0, opacity = 0;
   for (const auto& [line, entry] : rows) {
     color = std::max({color, entry.color.x, entry.color.y, entry.color.z});
     opacity = std::max(opacity, entry.opacity.value_or(0));
   }
-  const auto scale = [](double largest) { return largest > 1 ? 255.0 : 1.0; };
+  const auto scale = [](double largest) { return largest > 2 ? 255.0 : 1.0; };
   LabelTable table;
   for (const auto& [line, entry] : rows) {
-    const double own = entry.opacity ? *entry.opacity / scale(opacity) : entry.id == 0 ? 0 : 1;
-    const LabelStyle style{entry.name, entry.color / scale(color), entry.visible ? own : 0};
+    const double own = entry.opacity   ? std::min(*entry.opacity / scale(opacity), 1.0)
+                       : entry.id == 0 ? 0
+                                       : 1;
+    const LabelStyle style{entry.name, glm::min(entry.color / scale(color), 1.0),
+                           entry.visible ? own : 0};
     const bool added = table.insert_or_assign(entry.id, style).second;
     if (!added && !last_wins) return bad_line(source, line, "the id ", entry.id, " occurs twice");
   }

@@ -123,8 +123,18 @@ constexpr Magic kMagics[] = {
     {0, "Ogawa", "an Alembic scene", kOtherMesh},
     {0, "ISO-10303-21", "a STEP model", kSolid},
     {0, "3D Geometry File Format", "a Rhino model", kSolid},
-    {0, "  0\nSECTION", "a DXF drawing", kSolid},
-    {0, "  0\r\nSECTION", "a DXF drawing", kSolid},
+    {0, "0\nSECTION", "a DXF drawing", kSolid},
+    {0, "0\r\nSECTION", "a DXF drawing", kSolid},
+    {0, "AutoCAD Binary DXF", "a DXF drawing", kSolid},
+    {0, "AC10", "a DWG drawing", kSolid},
+    {0, "DBRep_DrawableShape", "a BREP model", kSolid},
+    {0, "U3D\0"sv, "a U3D scene", kOtherMesh},
+    {0, "\xff\xfe\xff\x0eS\0k\0e\0"sv, "a SketchUp model", "export it as glTF in SketchUp"},
+    {0, "QC4DC4D6", "a Cinema 4D scene", "export it as glTF in Cinema 4D"},
+    {0, "//Maya ASCII", "a Maya scene", "export it as OBJ in Maya"},
+    {8, "MAYA", "a Maya scene", "export it as OBJ in Maya"},
+    {8, "LWO", "a LightWave object", kOtherMesh},
+    {0, "#X3D", "an X3D scene", kOtherMesh},
     {0, "#Inventor", "an Open Inventor scene", kOtherMesh},
     {0, "$MeshFormat", "a Gmsh mesh", kOtherMesh},
     {0, "MeshVersionFormatted", "a Medit mesh", kOtherMesh},
@@ -192,6 +202,14 @@ constexpr Text kTexts[] = {
     {"[", "\"img_name\"", "", {"a file of cameras of Gaussian splats", kRig}},
     {"{", "\"poseid\"", "", {"a file of cameras of Meshroom", kRig}},
     {"{", "", ".sfm", {"a file of cameras of Meshroom", kRig}},
+    {"{", "", ".mg", {"a project of Meshroom", kRig}},
+    {"[", "\"reference_lla\"", "", {"a file of cameras of OpenSfM", kRig}},
+    {"", "", "sfm_data.bin", {"a file of cameras of OpenMVG", kRig}},
+    {"", "", ".mvs", {"a project of OpenMVS", kRig}},
+    {"", "", "poses_bounds.npy", {"a file of cameras of LLFF", kRig}},
+    {"", "", ".rcproj", {"a project of RealityCapture", kRig}},
+    {"<", "<blocksexchange", "", {"a file of cameras of ContextCapture", kRig}},
+    {"#cameras ", "", ".csv", {"a file of cameras of RealityCapture", kRig}},
     {"<", "<document", "", {"a file of cameras of Metashape", kRig}},
     {"<", "xcr:", "", {"a camera of RealityCapture", kRig}},
     {"#name,x,y,", "", "", {"a file of cameras of RealityCapture", kRig}},
@@ -208,6 +226,14 @@ constexpr Text kTexts[] = {
      "1.2.840.10008.5.1.4.1.1.481.5\0"sv,
      "",
      {"a DICOM RT plan", "give the folder of the images or of the dose that it is for"}},
+    {"",
+     "1.2.840.10008.5.1.4.1.1.481.8\0"sv,
+     "",
+     {"a DICOM RT plan", "give the folder of the images or of the dose that it is for"}},
+    {"",
+     "1.2.840.10008.5.1.4.1.1.104.3\0"sv,
+     "",
+     {"an STL mesh within DICOM", "take it out, `dcmdecap IN OUT.stl` of DCMTK"}},
     {"",
      "1.2.840.10008.5.1.4.1.1.66.5"sv,
      "",
@@ -246,7 +272,7 @@ std::optional<Known> known_by_structure(const std::string& file, std::string_vie
   if (head.starts_with("BM") && has_ending(file, {".bmp"}))
     return Known{"a BMP picture", kOnePicture};
   const std::string start = lower_case(head.substr(0, 4096));
-  const std::string_view text = trim(start);
+  const std::string_view text = trim(without_byte_order_mark(start));
   for (const auto& [begins, holds, ending, known] : kTexts)
     if (text.starts_with(begins) && text.find(holds) != std::string_view::npos &&
         file.ends_with(ending))
@@ -264,6 +290,7 @@ std::optional<Known> known_by_name(const std::string& file, const std::string& p
   };
   if (file.ends_with(".stl")) return Known{"an STL mesh", kMesh};
   if (file.ends_with(".obj")) return Known{"an OBJ mesh", kMesh};
+  if (has_ending(file, {".xyz", ".pts"})) return Known{"a point cloud", kPoints};
   if (has_ending(file, {".brik"}) && has_partner({".HEAD", ".head"}))
     return Known{"a file of AFNI voxels", "convert it to NIfTI, `3dAFNItoNIFTI IN`"};
   if (file.ends_with(".rec") && has_partner({".par", ".PAR"}))
@@ -275,8 +302,10 @@ std::optional<Known> known_by_name(const std::string& file, const std::string& p
 std::optional<Known> known_format(const std::string& path, std::string_view head) {
   const std::string file = lower_case(without_packing(path));
   if (const auto known = known_by_structure(file, head)) return known;
+  const std::string_view text = trim(without_byte_order_mark(head));
   for (const Magic& magic : kMagics)
-    if (head.size() > magic.at && head.substr(magic.at).starts_with(magic.bytes))
+    if ((head.size() > magic.at && head.substr(magic.at).starts_with(magic.bytes)) ||
+        (magic.at == 0 && text.starts_with(magic.bytes)))
       return Known{magic.name, magic.way};
   return known_by_name(file, path);
 }

@@ -140,16 +140,24 @@ Result<std::vector<Axis>> parse_axes(const TextHeader& header) {
 }
 
 /// Whether 3D Slicer wrote it as a sequence or a MultiVolume, whose list is one of time points.
-bool is_sequence(std::string_view head) {
+/// That of a MultiVolume may be called a vector, or nothing.
+bool is_sequence(std::string_view head, std::vector<Axis>& axes) {
+  bool found = false;
   while (!head.empty()) {
     const std::string line = lower_case(trim(next_line(head)));
     if (line.empty()) break;  // voxels follow
+    constexpr std::string_view kFrames = "multivolume.numberofframes:=";
+    const std::string_view frames =
+        line.starts_with(kFrames) ? trim(std::string_view(line).substr(kFrames.size())) : "";
+    Axis& first = axes.front();
+    for (const char* kind : {"vector", "none", "???", ""})
+      if (frames == std::to_string(first.size) && first.kind == kind) first.kind = "list";
     if (line.starts_with("multivolume.") ||
         (line.starts_with("labels:") && line.find("\"frame\"") != line.npos) ||
         (line.starts_with("axis ") && line.find(" index ") != line.npos))
-      return true;
+      found = true;
   }
-  return false;
+  return found;
 }
 
 /// Gives each axis its role by its kind or, without one, by its place among the others: three are
@@ -424,7 +432,7 @@ Result<Volume> read_nrrd(const std::string& path, std::string_view head,
   const auto all_axes = SLF_TRY(parse_axes(header));
   auto axes = all_axes;
   const bool directed = header.find("spacedirections") != nullptr;
-  SLF_TRY(assign_roles(path, directed, is_sequence(head), axes));
+  SLF_TRY(assign_roles(path, directed, is_sequence(head, axes), axes));
   VoxelData data;
   SLF_TRY(choose_in_axes(path, axes, options, data));
   std::erase_if(axes, [](const Axis& axis) { return axis.role != Role::space; });

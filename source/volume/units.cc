@@ -28,6 +28,8 @@ constexpr Unit kSymbols[] = {{"Ym", 1e30},
                              {"mm", 1e3},
                              {"\u00b5m", 1},
                              {"\u03bcm", 1},
+                             {"\xb5m", 1},          // in Latin-1,
+                             {"\u00c2\u00b5m", 1},  // and in UTF-8 that was read as such
                              {"um", 1},
                              {"nm", 1e-3},
                              {"pm", 1e-6},

@@ -38,7 +38,7 @@ enum Tag : DicomTag {
   kInversionTimes = 0x00189079,
   kBValue = 0x00189087,
   kGradientDirection = 0x00189089,
-  kFrameAcquisitionTime = 0x00189074,
+  kFrameAcquisitionDateTime = 0x00189074,
   kEffectiveEchoTime = 0x00189082,
   kFrameReferenceDateTime = 0x00189151,
   kSeriesInstanceUid = 0x0020000e,
@@ -321,7 +321,10 @@ void read_moments(const DicomLookup& values, const std::vector<bool>& other_dime
       if (candidate) return *candidate;
     return -std::numeric_limits<double>::infinity();
   };
-  const std::string date = values.text(kAcquisitionDateTime);
+  const auto moment = [&](DicomTag tag) {  // without the time zone
+    const std::string date = values.text(tag);
+    return parse_number(date.substr(0, date.find_first_of("+-")));
+  };
   slice.moments = {
       // as in kDicomMoments
       first({values.integer(kTemporalIndex), values.number(kTemporalPosition)}),
@@ -334,12 +337,12 @@ void read_moments(const DicomLookup& values, const std::vector<bool>& other_dime
       first({values.real(kTriggerDelay), values.number(kTriggerTime)}),
       first({values.real(kCardiacPhase)}),
       first({values.real(kRespiratoryPhase)}),
-      first({values.number(kReferenceTime), values.number(kFrameReferenceDateTime)}),
+      first({values.number(kReferenceTime), moment(kFrameReferenceDateTime)}),
       first({values.integer(kFrameAcquisitionNumber), values.number(kAcquisitionNumber)}),
       first({values.number(kAcquisitionDate), values.number(kContentDate)}),
-      first({values.number(kFrameAcquisitionTime), values.number(kAcquisitionTime),
+      first({moment(kFrameAcquisitionDateTime), values.number(kAcquisitionTime),
              values.number(kContentTime)}),
-      first({parse_number(date.substr(0, date.find_first_of("+-")))}),  // without the time zone
+      first({moment(kAcquisitionDateTime)}),
       first({values.number(kInstanceNumber)}),
       first({slice.frame})};
   slice.traits.clear();

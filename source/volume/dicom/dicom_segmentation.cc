@@ -142,6 +142,7 @@ Result<Volume> read_segmentation(const std::string& source, const DicomStack& st
   const auto grid = SLF_TRY(grid_of_planes(slices, source));
   const DicomSlice& first = slices.front();
   SLF_TRY(place_in(grid, first, volume));
+  volume.unit = "mm";
 
   std::optional<Labels> labels;  // memory only once a file has yielded its pixels
   SLF_TRY(for_each_frame(slices,

@@ -266,9 +266,9 @@ Result<Volume> read_dicom_file(const std::string& path, std::string_view head,
   if (options.series || is_directory) return read_dicom_folder(folder_of(path), options);
   if (slices.empty()) SLF_TRY(refuse_known(path, head));
   if (slices.empty())
-    return bad_file(path,
-                    "a DICOM file without a picture (a directory or a report); give the folder "
-                    "that holds the slices, or one of them");
+    return unsupported(path,
+                       "a DICOM file without a picture, such as a directory, report or plan; give "
+                       "the folder that holds the slices, or one of them");
   const DicomSlice& first = slices.front();
   if (first.problem) return tl::unexpected(*first.problem);
   if (first.frames > 1 || first.segmentation)

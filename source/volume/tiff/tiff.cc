@@ -89,6 +89,30 @@ Result<void> append_page(TiffFile& file, const SliceKind& kind, const ComponentS
   return {};
 }
 
+/// Appends all components of this page, one after the other.
+Result<void> append_components(TiffFile& file, const SliceKind& kind,
+                               std::vector<std::byte>& voxels) {
+  const auto append_to = [](std::vector<std::byte>& all) {
+    return [&all](std::span<const std::byte> samples) -> Result<void> {
+      all.insert(all.end(), samples.begin(), samples.end());
+      return {};
+    };
+  };
+  if (has_planes(file)) {
+    for (std::uint32_t plane = 0; plane < kind.components; ++plane)
+      SLF_TRY(read_rows(file, kind, 1, plane, append_to(voxels)));
+    return {};
+  }
+  std::vector<std::byte> samples;
+  SLF_TRY(read_rows(file, kind, kind.components, 0, append_to(samples)));
+  const std::size_t bytes = bytes_per_voxel(kind.type), pixel = bytes * kind.components;
+  voxels.reserve(samples.size());
+  for (std::size_t first = 0; first < pixel; first += bytes)
+    for (std::size_t at = first; at < samples.size(); at += pixel)
+      voxels.insert(voxels.end(), &samples[at], &samples[at] + bytes);
+  return {};
+}
+
 Result<TiffDescription> describe_pages(const TiffFile& file, const SliceKind& kind,
                                        const VolumeOptions& options) {
   const std::string text = file.text(TIFFTAG_IMAGEDESCRIPTION);
@@ -331,6 +355,10 @@ Result<Volume> read_tiff(const std::string& path, std::string_view, const Volume
       .type = stack.kind.type, .slope = d.slope, .intercept = d.intercept, .source = path};
   if (stack.first > 0)
     volume.notes.emplace_back("its first page is smaller than all others: left out as a thumbnail");
+  if (stack.file->tag<std::uint16_t>(TIFFTAG_PHOTOMETRIC, PHOTOMETRIC_MINISBLACK) ==
+      PHOTOMETRIC_MINISWHITE)
+    volume.notes.emplace_back(
+        "WhiteIsZero: pictures show the least values white; here values stay as they are");
   if (d.z == 0) d.z = stack.pages;
   // Many stacks along z are saved as times, or as more channels than there are colours.
   constexpr std::uint64_t kMaxColors = 4;
@@ -343,6 +371,16 @@ Result<Volume> read_tiff(const std::string& path, std::string_view, const Volume
     for (char& axis : d.order) axis = axis == 'Z' ? other : axis == other ? 'Z' : axis;
     volume.notes.push_back("its " + d.origin + " metadata call its slices " +
                            (as_times ? "time points" : "channels"));
+  }
+  if (stack.pages == 1 && d.z == 1 && d.times == 1 && d.channels == 1 && !options.component &&
+      stack.kind.components > kMaxColors) {
+    volume.dims =
+        SLF_TRY(check_dims(path, {stack.kind.width, stack.kind.height, stack.kind.components}));
+    volume.notes.emplace_back("its pixels have more components than colours: they are its slices");
+    set_spacing(d, options, volume);
+    volume.files = {path};
+    SLF_TRY(append_components(*stack.file, stack.kind, volume.voxels));
+    return volume;
   }
   const bool counted = has_counted_pages(stack);
   const bool raw_stack = !counted && stack.pages == 1 && d.origin == "ImageJ";

@@ -591,6 +591,7 @@ TEST_F(MeshFormats, ColoursMayRunTo255) {
   EXPECT_EQ(ply_of("uchar", "float", "255 51 1 0.4"), glm::u8vec4(255, 51, 1, 102));
   EXPECT_EQ(ply_of("ushort", "", "65535 13107 257"), glm::u8vec4(255, 51, 1, 255));
   EXPECT_EQ(ply_of("ushort", "", "255 51 1"), glm::u8vec4(255, 51, 1, 255));
+  EXPECT_EQ(ply_of("float", "", "1.02 0.2 0"), glm::u8vec4(255, 51, 0, 255));  // interpolated
   EXPECT_EQ(ply_of("int", "", "255 51 1"), glm::u8vec4(255, 51, 1, 255));
   EXPECT_EQ(ply_of("uchar", "", "1 1 0"), glm::u8vec4(1, 1, 0, 255));
 }
@@ -707,6 +708,17 @@ TEST_F(MeshFormats, PlyFacesWithColoursAndCoordinates) {
   expect_same(
       "a.ply",
       ply("ascii", "comment TextureFile tex.png\n" + elements + "0 1 3 3 4 2\n0 0 3 0 1 2\n"),
+      "b.glb", plain.glb());
+  // And before the faces.
+  expect_same(
+      "a.ply",
+      ply("ascii", "comment TextureFile tex.png\n" + std::string(kPlyVertices) +
+                       "element multi_texture_vertex 5\nproperty uchar tx\nproperty float u\n"
+                       "property float v\nelement multi_texture_face 2\nproperty uchar tx\n"
+                       "property uint tn\nproperty list uchar int texture_vertex_indices\n"
+                       "element face 2\nproperty list uchar int vertex_indices\nend_header\n" +
+                       vertices + "0 0 0\n0 1 0\n0 1 1\n0 0.5 0.5\n0 1 0.5\n" +
+                       "0 1 3 3 4 2\n0 0 3 0 1 2\n3 0 1 2\n3 0 2 3\n"),
       "b.glb", plain.glb());
   for (const char* faces : {"0 2 3 0 1 2\n0 0 3 0 1 2\n", "0 0 3 0 1 5\n0 1 3 0 1 2\n"})
     EXPECT_EQ(error("a.ply", ply("ascii", elements + faces)).code, ErrorCode::bad_file);

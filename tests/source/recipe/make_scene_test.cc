@@ -343,6 +343,33 @@ TEST(MakeScene, PartsHaveTheUnitOfTheVolume) {
   const auto scaled = make_scene(d);
   ASSERT_TRUE(scaled) << scaled.error().message;
   EXPECT_EQ(views_of(**scaled), views_of(**same));
+  // One that states none is in millimetres, where it fits so.
+  std::string said;
+  d.on_note = [&](const std::string& text, const char*) { said += text + "\n"; };
+  for (const bool fits : {true, false}) {
+    auto none = std::make_shared<Volume>(fits ? *other : *labels);
+    none->unit.clear();
+    d.labels_volume.volume = none;
+    said.clear();
+    const auto guessed = make_scene(d);
+    ASSERT_TRUE(guessed) << guessed.error().message;
+    EXPECT_EQ(views_of(**guessed), views_of(**same));
+    EXPECT_EQ(said.find("taken as millimetres") != said.npos, fits) << said;
+  }
+}
+
+TEST(StateScenes, HaveTheUnitOfTheFirst) {
+  StateScenes states;
+  Recipe d = description();
+  for (const char* unit : {"\u00b5m", "mm", ""}) {
+    auto volume = std::make_shared<Volume>(*ball());
+    volume->unit = unit;
+    if (volume->unit == "mm") volume->axes *= 1e-3, volume->origin *= 1e-3;
+    d.volume = volume;
+    ASSERT_TRUE(states.add(concat("state ", unit), d));
+  }
+  for (const NamedScene& one : states.scenes())
+    EXPECT_NEAR(one.scene->bounds().radius, states.scenes()[0].scene->bounds().radius, 1e-9);
 }
 
 TEST(StateScenes, AreThoseThatAreMadeAlone) {

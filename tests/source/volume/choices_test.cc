@@ -145,6 +145,12 @@ TEST(VolumeChoices, ListsOfSequencesAreTimes) {
   }
   const auto path = folder.write("a.nrrd", nrrd(header, data));
   EXPECT_EQ(value_at(expect_read(path, {.component = 1}), 1, 0, 0), 3);
+  for (const char* kind : {"vector", "none"}) {
+    std::string other = header;
+    other.replace(other.find("list"), 4, kind);
+    const auto frames = nrrd(other + "MultiVolume.NumberOfFrames:=2\n", data);
+    EXPECT_EQ(value_at(expect_read(folder.write("b.nrrd", frames), {.time = 1}), 1, 0, 0), 3);
+  }
 }
 
 TEST(VolumeChoices, LargeRunsOfComponents) {

@@ -111,6 +111,20 @@ std::vector<Sample> samples_of_formats() {
       {"a.nii.gz", "version https://git-lfs.github.com/spec/v1\n", "Git LFS", "git lfs pull"},
       {"a.slf", at(16, "\xde\xc0\xef\xbe"), "light field"},
       {"a.xml", "<?xml version=\"1.0\"?><data/>", "XML document"},
+      {"bom.dae", "\xEF\xBB\xBF<?xml version=\"1.0\"?>\n<COLLADA>", "COLLADA", "Blender"},
+      {"bom.wrl", "\xEF\xBB\xBF\n#VRML V2.0 utf8\n", "VRML", "MeshLab"},
+      {"b.dxf", "0\nSECTION\n2\n", "DXF"},
+      {"c.dxf", "AutoCAD Binary DXF\r\n", "DXF"},
+      {"a.dwg", "AC1032", "DWG"},
+      {"a.ma", "//Maya ASCII 2024 scene\n", "Maya"},
+      {"a.mb", "FOR4....MAYA", "Maya"},
+      {"a.lwo", "FORM....LWO2", "LightWave"},
+      {"a.x3dv", "#X3D V3.3 utf8\n", "X3D"},
+      {"a.xyz", "0 0 0\n", "point cloud", "make a mesh"},
+      {"a.mg", "{\"header\": {}}", "Meshroom", "COLMAP"},
+      {"reconstruction.json", R"([{"reference_lla": {}}])", "OpenSfM", "COLMAP"},
+      {"blocks.xml", "<?xml version=\"1.0\"?><BlocksExchange>", "ContextCapture", "COLMAP"},
+      {"cameras.csv", "#cameras 2\n", "RealityCapture", "COLMAP"},
   };
 }
 

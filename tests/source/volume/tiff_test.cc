@@ -483,6 +483,21 @@ std::string write_pages(const Folder& folder, int bits, int format, const std::s
   return path;
 }
 
+TEST(VolumeTiff, SlicesMayBeSamplesOfOnePage) {
+  const Folder folder;
+  for (const ScalarType type : {ScalarType::u8, ScalarType::f32})
+    for (const bool apart : {false, true}) {
+      const Tiff t{.type = type, .samples = 6, .colored = true, .apart = apart, .pages = {1}};
+      const auto path = write_tiff(folder, "a.tif", t);
+      const auto volume = expect_read(path);
+      EXPECT_EQ(volume.dims[2], 6u);
+      EXPECT_EQ(value_at(volume, 1, 2, 4), phantom_value(1, 2, 1));
+      EXPECT_NE(value_at(volume, 1, 2, 5), phantom_value(1, 2, 1));
+      EXPECT_THAT(volume.notes, ::testing::Contains(HasSubstr("they are its slices")));
+      expect_error(path, ErrorCode::unsupported, "a single slice", {.component = 1});
+    }
+}
+
 TEST(VolumeTiff, SamplesMayBeBitsOrHalfFloats) {
   const Folder folder;
   const auto bits = expect_read(write_pages(folder, 1, SAMPLEFORMAT_UINT, "\xA5\x20"));
