@@ -35,7 +35,9 @@ class Browser:
 
         self.process = subprocess.Popen(
             [program, "--headless=new", "--no-sandbox", "--remote-debugging-pipe",
-             "--enable-unsafe-swiftshader", "--use-angle=swiftshader", "--disable-gpu-sandbox",
+             # Mesa draws without a graphics card, in half the time of the browser's own SwiftShader.
+             "--use-gl=angle", "--use-angle=gl-egl", "--ignore-gpu-blocklist",
+             "--disable-gpu-sandbox",
              "--hide-scrollbars", "--mute-audio", "--no-first-run", "--disable-extensions",
              "--disable-background-networking", "--disable-component-update", "--disable-sync",
              "--disable-dev-shm-usage", "--force-color-profile=srgb",
