@@ -143,7 +143,9 @@ HWY_INLINE void upsample_colors_by(std::uint32_t side, std::uint32_t* colors,
 
 void upsample_colors_any(std::uint32_t side, bool four_taps, const std::uint32_t* even,
                          std::uint32_t* colors) {
-  const auto at = [&](std::size_t column) { return Colors::load(even + column); };
+  const auto at = [&](std::size_t column) {  // k - step may lie in the padding before `even`
+    return Colors::load(even + static_cast<std::ptrdiff_t>(column));
+  };
   if (four_taps)
     upsample_colors_by(side, colors, even, [&](std::size_t k, std::size_t step) {
       return at(k).middle(at(k + step), at(k - step), at(k + 2 * step));
