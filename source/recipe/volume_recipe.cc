@@ -56,47 +56,53 @@ Result<Volume> read_structure(const Recipe& d, const std::string& path, Readings
   return read_once(path, options, kept);
 }
 
-/// Converts a volume to a unit, if both are known.
+/// How many of the units `to` one unit `from` is; 1 if either is not known.
+double ratio_of_units(const std::string& from, const std::string& to) {
+  const auto small = volume_io::micrometres(from), large = volume_io::micrometres(to);
+  return small && large ? *small / *large : 1;
+}
+
 void convert_to(const std::string& unit, Volume& volume) {
-  const auto from = volume_io::micrometres(volume.unit), to = volume_io::micrometres(unit);
-  if (!from || !to || *from == *to) return;
-  volume.axes *= *from / *to;
-  volume.origin *= *from / *to;
+  const double ratio = ratio_of_units(volume.unit, unit);
+  if (ratio == 1) return;
+  volume.axes *= ratio;
+  volume.origin *= ratio;
   volume.unit = unit;
 }
 
-/// How much of the larger one of the boxes around two volumes is in both, 0 to 1.
-double overlap(const Volume& a, const Volume& b) {
-  std::array<glm::dvec3, 2> low, high;
-  for (const std::size_t k : {0, 1}) {
-    const Volume& v = k == 0 ? a : b;
-    low[k] = high[k] = v.origin;
+/// How much of the larger one of the boxes around two volumes is in both, 0 to 1. `scale`: of `b`.
+double overlap(const Volume& a, const Volume& b, double scale) {
+  const auto box = [](const Volume& v, double by) {
+    std::array<glm::dvec3, 2> ends{v.origin, v.origin};
     for (int corner = 1; corner < 8; ++corner) {
-      glm::dvec3 at;
-      for (int i = 0; i < 3; ++i) at[i] = (corner >> i & 1) * double(v.dims[i]);
-      low[k] = glm::min(low[k], v.origin + v.axes * at);
-      high[k] = glm::max(high[k], v.origin + v.axes * at);
+      const glm::dvec3 of(corner & 1, corner >> 1 & 1, corner >> 2);
+      const glm::dvec3 at = v.origin + v.axes * (of * glm::dvec3(v.dims[0], v.dims[1], v.dims[2]));
+      ends = {glm::min(ends[0], at), glm::max(ends[1], at)};
     }
-  }
-  const auto size = [](const glm::dvec3& s) {
-    return std::max(s.x, 0.) * std::max(s.y, 0.) * std::max(s.z, 0.);
+    return std::array{ends[0] * by, ends[1] * by};
   };
-  return size(glm::min(high[0], high[1]) - glm::max(low[0], low[1])) /
-         std::max(size(high[0] - low[0]), size(high[1] - low[1]));
+  const auto size = [](const std::array<glm::dvec3, 2>& of) {
+    const glm::dvec3 edges = glm::max(of[1] - of[0], 0.0);
+    return edges.x * edges.y * edges.z;
+  };
+  const auto one = box(a, 1), other = box(b, scale);
+  const std::array both{glm::max(one[0], other[0]), glm::min(one[1], other[1])};
+  return size(both) / std::max(size(one), size(other));
 }
 
 /// A part of a volume in the volume's unit. Most files that state none are in millimetres.
 std::shared_ptr<const Volume> in_unit_of(const Volume& volume, std::shared_ptr<const Volume> part,
                                          const Recipe& d) {
+  const bool unstated = part->unit.empty();
+  const double ratio = ratio_of_units(unstated ? "mm" : part->unit, volume.unit);
+  if (ratio == 1 || (unstated && overlap(volume, *part, ratio) <= overlap(volume, *part, 1)))
+    return part;
+  if (unstated)
+    note(d, concat(part->source, ": states no unit: taken as millimetres, as it fits ",
+                   volume.source, " then"));
   auto converted = std::make_shared<Volume>(*part);
-  if (part->unit.empty()) converted->unit = "mm";
+  converted->unit = unstated ? "mm" : part->unit;
   convert_to(volume.unit, *converted);
-  if (same_grid(*converted, *part)) return part;
-  if (part->unit.empty()) {
-    if (overlap(volume, *converted) <= overlap(volume, *part)) return part;
-    note(d,
-         part->source + ": states no unit: taken as millimetres, as it then fits " + volume.source);
-  }
   return converted;
 }
 
