@@ -12,7 +12,7 @@ request, over HTTP/2, without delay.
 Columns: requests, dependent round trips, bytes of the field and milliseconds, from the beginning of
 the page, until the first picture and until the view is complete; bytes also relative to the payload
 of the view's tiles. Then the page loads the rest of level 0: how many requests and bytes there are
-in all. The processor emulates the graphics card (SwiftShader), and the times include that.
+in all. The processor draws in place of a graphics card (Mesa), and the times include that.
 
 Then how fast the page's workers decode: tiles a second of a worker that decodes, and the share of
 the time, from the first tile to the last, in which workers decode nothing.
