@@ -51,7 +51,7 @@ struct RaycastOptions {
   /// From which gradient on matter is a surface (light.h), in values per world unit; 0: from 2 % of
   /// the volume's range per voxel on.
   double surface_gradient = 0;
-  bool may_be_empty = false;  ///< it is no error that nothing is visible
+  bool may_be_empty = false;               ///< it is no error that nothing is visible
   std::shared_ptr<SharedScenes> shared{};  ///< null: nothing is shared
 };
 
