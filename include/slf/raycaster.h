@@ -89,8 +89,8 @@ class Raycaster final : public Scene {
   /// f32. Renumbers label ids beyond 16 bits. Computes the light volume if the options ask for one
   /// and `light_volume.deferred` is false.
   /// usage: an option out of range; the file of the light volume exists and is something else.
-  /// failed: nothing in the volume is visible. cancelled: stopped by the progress callback. io: the
-  /// file of the light volume cannot be written.
+  /// failed: nothing in the volume is visible, and it may not be empty. cancelled: stopped by the
+  /// progress callback. io: the file of the light volume cannot be written.
   [[nodiscard]] static Result<std::unique_ptr<Raycaster>> make(
       Volume volume, const TransferFunction& transfer, const RaycastOptions& options = {},
       const LightVolumeOptions& light_volume = {});

@@ -62,6 +62,7 @@ double ratio_of_units(const std::string& from, const std::string& to) {
   return small && large ? *small / *large : 1;
 }
 
+/// Does nothing if either unit is not known.
 void convert_to(const std::string& unit, Volume& volume) {
   const double ratio = ratio_of_units(volume.unit, unit);
   if (ratio == 1) return;

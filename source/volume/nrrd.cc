@@ -140,7 +140,7 @@ Result<std::vector<Axis>> parse_axes(const TextHeader& header) {
 }
 
 /// Whether 3D Slicer wrote it as a sequence or a MultiVolume, whose list is one of time points.
-/// That of a MultiVolume may be called a vector, or nothing.
+/// That of a MultiVolume may be called a vector, or nothing: its kind becomes list.
 bool is_sequence(std::string_view head, std::vector<Axis>& axes) {
   bool found = false;
   while (!head.empty()) {

@@ -35,7 +35,7 @@ class Browser:
 
         self.process = subprocess.Popen(
             [program, "--headless=new", "--no-sandbox", "--remote-debugging-pipe",
-             # Mesa draws without a graphics card, in half the time of the browser's own SwiftShader.
+             # Mesa draws without a graphics card, sooner than the browser's own SwiftShader.
              "--use-gl=angle", "--use-angle=gl-egl", "--ignore-gpu-blocklist",
              "--disable-gpu-sandbox",
              "--hide-scrollbars", "--mute-audio", "--no-first-run", "--disable-extensions",

@@ -11,6 +11,7 @@ import subprocess
 import time
 from email.utils import formatdate
 
+from browser import Browser
 from host import Handler, Host
 from nginx import Nginx
 from page_testing import (MIN_PSNR, PICTURE, PageTest, SIZE, SLF, Server, Silent, VIEWS,
@@ -672,8 +673,11 @@ class LoadingTest(PageTest):
             return drawArrays.apply(this, all);
           };"""
 
-        with Host(folder, handler=Silent) as host:
-            page = self.open(host.url + "/index.html#view=30,20,3&level=2", script=script)
+        # Drawn by the browser itself: under load, Mesa shows the first level twice.
+        with Host(folder, handler=Silent) as host, \
+                Browser("--enable-unsafe-swiftshader", "--use-angle=swiftshader") as browser:
+            page = self.open(host.url + "/index.html#view=30,20,3&level=2", script=script,
+                             browser=browser)
             page.settle()
             first, fades = page.run("[pixels, fades]")
             page.wait("!slf.statistics().busy")
@@ -687,10 +691,9 @@ class LoadingTest(PageTest):
             page.close()
         print(f"{first:.1f} pictures until the first view, {fades} of them faded in, "
               f"{waiting:.1f} while nothing comes", flush=True)
-        # One shows the first level, and again once the page has its size; three fade in a finer one,
-        # on slow machines twice.
+        # One shows the first level, three fade in a finer one. On slow machines that happens twice.
         self.assertLessEqual(first - fades, 12 - 4)
-        self.assertIn(fades, [4, 5, 7, 8])
+        self.assertIn(fades, [4, 7])
         self.assertLessEqual(waiting, 1)
 
     def test_an_outage_is_waited_out(self):

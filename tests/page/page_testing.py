@@ -175,9 +175,9 @@ class PageTest(unittest.TestCase):
             4, "--exit", 16, "-o", field, "-f")
         return field
 
-    def open(self, url, certificate=True, script=""):
+    def open(self, url, certificate=True, script="", browser=None):
         """Opens an address. `script` runs before the page's own."""
-        page = self.browser.open("about:blank", SIZE, SIZE)
+        page = (browser or self.browser).open("about:blank", SIZE, SIZE)
         page.call("Security.setIgnoreCertificateErrors", ignore=not certificate)
         if script:
             page.call("Page.addScriptToEvaluateOnNewDocument", source=script)
