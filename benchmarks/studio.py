@@ -10,7 +10,7 @@ SLF is build/release/cli/slf. The picture has 768x768 pixels. All numbers are me
     motion      pictures a second while the camera turns for 3 s, and the median width of them
     point       ms from a point of the curve being dragged to a picture under that curve
     rest        ms from the last movement of a point, which makes new light, to a picture of the
-                window's size (160 of them pass before it counts as rest)
+                window's size (100 of them pass before it counts as rest)
     turn        the same of the camera, when light is complete
     equal       whether the last picture has the bytes of `slf raycast` of the saved recipe
     peak        MiB of the server's memory at most
@@ -37,7 +37,7 @@ from browser import Browser, BrowserError
 
 SIDE = 768
 PANEL = 320
-LAST = ("studio.shown.stage === 4 && studio.shown.serial === studio.serial && !studio.sending &&"
+LAST = ("studio.shown.stage === 5 && studio.shown.serial === studio.serial && !studio.sending &&"
         " performance.now() - studio.pictures.at(-1).at > 500")
 # Drags the point of the curve that is nearest to the middle, once a frame, `steps` times.
 DRAG = """(async (steps) => {
@@ -100,7 +100,7 @@ def ask(url, what, body):
 def equal(slf, url, folder):
     """Whether the last picture of the server has the bytes of the command's."""
     saved = json.loads(ask(url, "save", {})[1])["save"]
-    look = {"page": 1, "serial": 1, "size": [SIDE, SIDE], "orbit": [30, 20, 3, 0, 0, 0], "seen": 3}
+    look = {"page": 1, "serial": 1, "size": [SIDE, SIDE], "orbit": [30, 20, 3, 0, 0, 0], "seen": 4}
     address = urllib.parse.urlsplit(url)
     connection = http.client.HTTPConnection(address.netloc)
     connection.request("GET", address.path + "state")

@@ -151,7 +151,7 @@ struct FinestSteps {
 
   explicit FinestSteps(int quality) {
     const double scale = quality < 50 ? 50. / quality : std::max(0.02 * (100 - quality), 0.02);
-    color = quality > 90 ? 50 * scale : 1.7 + 40 * scale;
+    color = quality > 90 ? 50 * scale : 1.3 + 40 * scale;
     // Colours make up for errors of alpha, but over a bright background these are visible.
     alpha = color + std::min(color, 5.);
     depth = quality > 90 ? 80 * scale : 8 + 40 * scale;

@@ -17,14 +17,13 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
-constexpr double kPace = 0.07;            // seconds that a moving picture may take
+constexpr double kPace = 0.085;           // seconds that a moving picture may take
 constexpr double kLeastPixels = 96 * 96;  // of one
 constexpr std::size_t kMaxPages = 8;
 constexpr std::chrono::seconds kAway(2);  // after which a page that asks for nothing is closed
 constexpr std::size_t kMaxReadings = 4;   // volumes that are kept for the next recipe
 constexpr std::size_t kMaxThumbnails = 64;
 constexpr std::uint32_t kThumbnail = 112;  // pixels along a side
-constexpr double kCoarser = 2;             // factor of light's spacing, and of its paths squared
 constexpr int kMovingQuality = 78, kQuality = 90;  // of JPEG
 
 Camera camera_of(const Look& look, const Sphere& own) {
@@ -155,7 +154,7 @@ std::optional<Caster::Job> Caster::next() const {
             : current        ? static_cast<Stage>(static_cast<int>(page.drawn.stage) + 1)
                              : Stage::direct;
   }
-  if (!best || stage > Stage::direct)
+  if (!best || stage > Stage::rough)
     for (const auto& [transfer, drawn] : thumbnails_)
       if (drawn.stage == Stage::none) return Job{0, {}, Stage::direct, transfer};
   if (!best) return std::nullopt;
@@ -259,7 +258,7 @@ Stage Caster::nearest(Stage stage) const {
   const bool lit = drawn_.lighting != Lighting::direct && !drawn_.ambient && drawn_.raycast.shade &&
                    drawn_.raycast.projection == Projection::none &&
                    (kind == recipe::kVolume || kind == recipe::kMesh);
-  return !lit || (stage == Stage::coarse && kind != recipe::kVolume) ? Stage::fine : stage;
+  return !lit || (stage > Stage::direct && kind != recipe::kVolume) ? Stage::fine : stage;
 }
 
 /// REQUIRES: nearest(stage) == stage.
@@ -296,9 +295,9 @@ Result<std::shared_ptr<const Scene>> Caster::make(Stage stage, const std::string
     light.environment = surroundings_;
     recipe.environment.clear();
   }
-  if (stage == Stage::coarse) {
-    light.spacing = std::min(16.0, kCoarser * light.spacing);
-    light.samples = std::max(1u, static_cast<std::uint32_t>(light.samples / kCoarser / kCoarser));
+  if (stage == Stage::rough || stage == Stage::coarse) {
+    light.spacing = std::min(16.0, (stage == Stage::rough ? 4 : 2) * light.spacing);
+    light.samples = std::max(1u, light.samples / 4);
   }
   if (readings_.volumes.size() > kMaxReadings) readings_.volumes.erase(readings_.volumes.begin());
   std::shared_ptr<const Scene> made =

@@ -25,7 +25,8 @@ enum class Stage : std::uint8_t {
   none,
   moving,  ///< as large as the pace allows
   direct,  ///< the window's size; direct light, unless coarse light is complete already
-  coarse,  ///< light with fewer paths, at nodes twice as far apart
+  rough,   ///< light with fewer paths, at nodes four times as far apart
+  coarse,  ///< the same, at nodes twice as far apart
   fine,    ///< what `slf raycast` draws
 };
 

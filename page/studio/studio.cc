@@ -278,7 +278,7 @@ std::optional<Response> Studio::State::picture(const json& body) {
   if (!look) return refusal("a camera was expected", 400);
   if (look->moving) forecaster.stop();
   const bool same = body.value("revision", std::uint64_t{0}) == revision;
-  const auto seen = static_cast<Stage>(same ? std::clamp(body.value("seen", 0), 0, 4) : 0);
+  const auto seen = static_cast<Stage>(same ? std::clamp(body.value("seen", 0), 0, 5) : 0);
   const auto drawn = caster.picture(body.value("page", std::uint64_t{0}), *look, seen);
   if (!drawn) return std::nullopt;
   if (drawn->bytes.empty() && drawn->error.empty()) return text(204, "text/plain", "");

@@ -31,7 +31,7 @@ def test_an_array_is_shown_saved_and_built(tmp_path):
         look = {"page": 1, "serial": 1, "orbit": [30, 20, 3, 0, 0, 0], "size": [64, 64], "seen": 0}
         ask(page + "look", look)
         state = json.loads(ask(page + "state")[1])
-        look |= {"seen": 3, "revision": state["revision"]}
+        look |= {"seen": 4, "revision": state["revision"]}
         assert ask(page + "look", look)[0]["Content-Type"] == "image/png"
         assert state["shown"]["exposure"] == 0.5
         assert sum(state["histogram"]["counts"]) == ball().size

@@ -139,25 +139,33 @@ Result<std::vector<Axis>> parse_axes(const TextHeader& header) {
   return axes;
 }
 
-/// Whether 3D Slicer wrote it as a sequence or a MultiVolume, whose list is one of time points.
-/// That of a MultiVolume may be called a vector, or nothing: its kind becomes list.
-bool is_sequence(std::string_view head, std::vector<Axis>& axes) {
-  bool found = false;
+/// The lines of a header, in lower case.
+std::vector<std::string> header_lines(std::string_view head) {
+  std::vector<std::string> lines;
   while (!head.empty()) {
-    const std::string line = lower_case(trim(next_line(head)));
-    if (line.empty()) break;  // voxels follow
-    constexpr std::string_view kFrames = "multivolume.numberofframes:=";
-    const std::string_view frames =
-        line.starts_with(kFrames) ? trim(std::string_view(line).substr(kFrames.size())) : "";
-    Axis& first = axes.front();
-    for (const char* kind : {"vector", "none", "???", ""})
-      if (frames == std::to_string(first.size) && first.kind == kind) first.kind = "list";
-    if (line.starts_with("multivolume.") ||
-        (line.starts_with("labels:") && line.find("\"frame\"") != line.npos) ||
-        (line.starts_with("axis ") && line.find(" index ") != line.npos))
-      found = true;
+    lines.push_back(lower_case(trim(next_line(head))));
+    if (lines.back().empty()) break;  // voxels follow
   }
-  return found;
+  return lines;
+}
+
+/// Whether 3D Slicer wrote it as a sequence or a MultiVolume, whose list is one of time points.
+bool is_sequence(const std::vector<std::string>& lines) {
+  return std::ranges::any_of(lines, [](const std::string& line) {
+    return line.starts_with("multivolume.") ||
+           (line.starts_with("labels:") && line.find("\"frame\"") != line.npos) ||
+           (line.starts_with("axis ") && line.find(" index ") != line.npos);
+  });
+}
+
+/// Makes the first axis of a MultiVolume a list, which may be called a vector, or nothing.
+void name_list_of_frames(const std::vector<std::string>& lines, Axis& first) {
+  constexpr std::string_view kFrames = "multivolume.numberofframes:=";
+  const bool open = first.kind == "vector" || first.kind == "none" || first.kind == "???";
+  for (const std::string_view line : lines)
+    if (line.starts_with(kFrames) && (open || first.kind.empty()) &&
+        trim(line.substr(kFrames.size())) == std::to_string(first.size))
+      first.kind = "list";
 }
 
 /// Gives each axis its role by its kind or, without one, by its place among the others: three are
@@ -409,12 +417,9 @@ bool looks_like_nrrd(std::string_view head) {
 }
 
 bool nrrd_names_files(std::string_view head) {
-  while (!head.empty()) {
-    const std::string line = lower_case(trim(next_line(head)));
-    if (line.empty()) break;  // voxels follow
-    if (line.starts_with("data file:") || line.starts_with("datafile:")) return true;
-  }
-  return false;
+  return std::ranges::any_of(header_lines(head), [](const std::string& line) {
+    return line.starts_with("data file:") || line.starts_with("datafile:");
+  });
 }
 
 Result<Volume> read_nrrd(const std::string& path, std::string_view head,
@@ -431,8 +436,10 @@ Result<Volume> read_nrrd(const std::string& path, std::string_view head,
 
   const auto all_axes = SLF_TRY(parse_axes(header));
   auto axes = all_axes;
+  const auto lines = header_lines(head);
+  name_list_of_frames(lines, axes.front());
   const bool directed = header.find("spacedirections") != nullptr;
-  SLF_TRY(assign_roles(path, directed, is_sequence(head, axes), axes));
+  SLF_TRY(assign_roles(path, directed, is_sequence(lines), axes));
   VoxelData data;
   SLF_TRY(choose_in_axes(path, axes, options, data));
   std::erase_if(axes, [](const Axis& axis) { return axis.role != Role::space; });

@@ -103,7 +103,7 @@ class StudioTest(unittest.TestCase):
 
     def fine(self, page):
         """Waits until the picture is as good as it gets."""
-        page.wait("globalThis.studio?.shown.stage === 4 && !studio.sending &&"
+        page.wait("globalThis.studio?.shown.stage === 5 && !studio.sending &&"
                   " studio.shown.serial === studio.serial &&"
                   " performance.now() - studio.pictures.at(-1).at > 400")
 
@@ -577,7 +577,7 @@ class StudioTest(unittest.TestCase):
             self.set(one, "#exposure", "0.5")
             one.run("globalThis.before = true, location.reload()")
             one.wait("!globalThis.before")
-            one.wait(f"globalThis.studio?.shown.stage === 4 && {value} === 0.5")
+            one.wait(f"globalThis.studio?.shown.stage === 5 && {value} === 0.5")
             self.assertEqual(one.run("studio.camera.toText()"), camera)
             self.assertEqual(one.run("document.querySelector('#statelist [aria-pressed=true]')"
                                      ".textContent"), "bright")

@@ -6,9 +6,9 @@ import {sleep} from '../../web/media.js';
 import {isSending, load, model} from './recipe.js';
 import {byId, found, page, post, retries, say} from './server.js';
 
-const kRest = 160;      // milliseconds without a change after which nothing moves
-const kDirect = 2, kFine = 4;  // of Stage in caster.h
-const kFrame = 95;      // milliseconds that a picture in motion may take to come
+const kRest = 100;      // milliseconds without a change after which nothing moves
+const kDirect = 2, kFine = 5;  // of Stage in caster.h
+const kFrame = 98;      // milliseconds that a picture in motion may take to come
 const kLeastPixels = 64 * 64;
 
 export const picture = byId('picture'), pen = picture.getContext('2d');

@@ -214,6 +214,13 @@ TEST_F(Pictures, AnglesMayBeThoseOfInstantNgp) {
   EXPECT_DOUBLE_EQ(b->pictures.at(0).lens.fx, 20);
 }
 
+TEST_F(Pictures, TransformsMayHaveComments) {
+  write("a.json", "// of a drone\n" + transforms().dump() + "\n/* end */\n");
+  const auto set = read_pictures(path("a.json"));
+  ASSERT_TRUE(set) << set.error().message;
+  EXPECT_FALSE(set->pictures.empty());
+}
+
 TEST_F(Pictures, PicturesOfAnotherSizeScaleTheirCameras) {
   Json json = transforms();
   json["w"] = 80, json["h"] = 60, json["fl_x"] = 100, json["cx"] = 41;

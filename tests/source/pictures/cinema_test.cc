@@ -55,6 +55,12 @@ TEST_F(Cinema, AnglesAreThoseOfParaView) {
   EXPECT_THAT(set->notes, ElementsAre(HasSubstr("view angle to be 30 degrees")));
 }
 
+TEST_F(Cinema, AByteOrderMarkIsNoPartOfTheFirstColumn) {
+  const auto set = read("\xef\xbb\xbfphi,theta,FILE\n0,0,a.png\n90,0,b.png\n0,30,c.png\n");
+  ASSERT_TRUE(set) << set.error().message;
+  EXPECT_EQ(set->pictures.size(), 3u);
+}
+
 TEST_F(Cinema, OnePictureOfEachDirectionIsRead) {
   write("a_z.tif", std::string("depths"));
   const auto set = read(

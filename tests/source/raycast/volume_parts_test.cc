@@ -97,6 +97,12 @@ TEST(LabelTable, ColoursMayRunTo1) {
   }
 }
 
+TEST(LabelTable, ColoursMayBeALittleOver1) {
+  const auto table = parse_label_table("17 L 1.02 0.25 0 1.0\n819 Hypo 0 1 0 0.5\n", "a.txt");
+  ASSERT_TRUE(table) << table.error().message;
+  EXPECT_EQ(table->at(17), (LabelStyle{"L", glm::dvec3(1, 0.25, 0), 1}));
+}
+
 TEST(LabelTable, LinesMayEndInAnyWay) {
   for (const std::string& text :
        {std::string(kSnap), std::string(kSlicer),

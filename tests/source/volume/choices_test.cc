@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 
+#include "source/volume/units.h"
 #include "tests/source/volume/samples.h"
 
 namespace slf {
@@ -126,6 +127,18 @@ TEST(VolumeChoices, NrrdAxesOfComponentsAndTimesMayBeAnywhere) {
     expect_phantom(expect_read(path, {.component = 1, .time = 1}), ScalarType::u8);
   expect_error(two("2 5 2 4 3", "vector domain time domain domain", inner), ErrorCode::unsupported,
                "one of space between them", {.component = 1, .time = 1});
+}
+
+TEST(VolumeChoices, MicrometresInAnyEncoding) {
+  const Folder folder;
+  for (const std::string unit : {"\u00b5m", "\u03bcm", "\xb5m", "\u00c2\u00b5m", "um", "Microns"}) {
+    const auto volume = expect_read(folder.write(
+        "a.nrrd", nrrd("type: uchar\ndimension: 3\nsizes: 5 4 3\nencoding: raw\n"
+                       "spacings: 1 1 1\nunits: \"" +
+                           unit + "\" \"" + unit + "\" \"" + unit + "\"\n",
+                       phantom_bytes(ScalarType::u8, false))));
+    EXPECT_EQ(volume_io::micrometres(volume.unit), 1) << unit;
+  }
 }
 
 // As 3D Slicer writes sequences and MultiVolumes: the list runs fastest.

@@ -401,9 +401,13 @@ TEST(DicomTimes, OneFileOfManyFrames) {
   const auto group = [](std::uint32_t group, std::uint32_t tag, const DicomValue& value) {
     return DicomElements{{group, sequence({{{tag, value}}})}};
   };
-  const std::array<std::array<DicomElements, 2>, 10> kinds = {{
+  const std::array<std::array<DicomElements, 2>, 12> kinds = {{
       {content(0x00209128, ul({1})), content(0x00209128, ul({2}))},
       {content(0x00209157, ul({1, 1})), content(0x00209157, ul({1, 2}))},
+      {content(0x00189074, text("DT", "20200101235958.5+0100")),
+       content(0x00189074, text("DT", "20200101235959.25+0100"))},
+      {content(0x00189151, text("DT", "20191231235959-0500")),
+       content(0x00189151, text("DT", "20200101000001-0500"))},
       {DicomElements{{0x00189114, sequence({{{0x00189082, fd({4.9})}}})}},
        DicomElements{{0x00189114, sequence({{{0x00189082, fd({9.8})}}})}}},
       {DicomElements{{0x00189117, sequence({{{0x00189087, fd({0})}}})}},

@@ -462,7 +462,8 @@ TEST(VolumeTiff, ImageJMayStoreSlicesFirst) {
 }
 
 /// Three pages of 11x4 samples of so few bits, the rows as stored.
-std::string write_pages(const Folder& folder, int bits, int format, const std::string& row) {
+std::string write_pages(const Folder& folder, int bits, int format, const std::string& row,
+                        int compression = COMPRESSION_NONE, int kind = PHOTOMETRIC_MINISBLACK) {
   const std::string path = folder.path("few.tif");
   TIFF* tiff = TIFFOpen(path.c_str(), "w");
   for (int page = 0; page < 3; ++page) {
@@ -471,7 +472,8 @@ std::string write_pages(const Folder& folder, int bits, int format, const std::s
     TIFFSetField(tiff, TIFFTAG_BITSPERSAMPLE, bits);
     TIFFSetField(tiff, TIFFTAG_SAMPLEFORMAT, format);
     TIFFSetField(tiff, TIFFTAG_SAMPLESPERPIXEL, 1);
-    TIFFSetField(tiff, TIFFTAG_PHOTOMETRIC, PHOTOMETRIC_MINISBLACK);
+    TIFFSetField(tiff, TIFFTAG_COMPRESSION, compression);
+    TIFFSetField(tiff, TIFFTAG_PHOTOMETRIC, kind);
     TIFFSetField(tiff, TIFFTAG_ROWSPERSTRIP, 3);
     for (std::uint32_t y = 0; y < 4; ++y) {
       std::string bytes = row;
@@ -500,10 +502,17 @@ TEST(VolumeTiff, SlicesMayBeSamplesOfOnePage) {
 
 TEST(VolumeTiff, SamplesMayBeBitsOrHalfFloats) {
   const Folder folder;
-  const auto bits = expect_read(write_pages(folder, 1, SAMPLEFORMAT_UINT, "\xA5\x20"));
-  EXPECT_EQ(bits.type, ScalarType::u8);
-  for (std::uint32_t x = 0; x < 11; ++x)
-    EXPECT_EQ(value_at(bits, x, 3, 2), std::string("10100101001")[x] - '0') << x;
+  for (const int compression : {COMPRESSION_NONE, COMPRESSION_CCITTFAX3, COMPRESSION_CCITTFAX4})
+    for (const int kind : {PHOTOMETRIC_MINISBLACK, PHOTOMETRIC_MINISWHITE}) {
+      const auto bits = expect_read(
+          write_pages(folder, 1, SAMPLEFORMAT_UINT, "\xA5\x20", compression, kind));
+      EXPECT_EQ(bits.type, ScalarType::u8);
+      for (std::uint32_t x = 0; x < 11; ++x)
+        EXPECT_EQ(value_at(bits, x, 3, 2), std::string("10100101001")[x] - '0') << x;
+      const bool said = std::ranges::any_of(
+          bits.notes, [](const auto& note) { return note.starts_with("WhiteIsZero"); });
+      EXPECT_EQ(said, kind == PHOTOMETRIC_MINISWHITE);
+    }
   std::string row;
   for (int x = 0; x < 11; ++x) row += std::string("\x00\x3E", 2);  // 1.5
   const auto halves = expect_read(write_pages(folder, 16, SAMPLEFORMAT_IEEEFP, row));
