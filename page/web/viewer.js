@@ -8,7 +8,7 @@ import {kNearer} from './controls.js';
 import {Cut, planesOf} from './cut.js';
 import {Field} from './field.js';
 import {Loader} from './loader.js';
-import {calm, sleep} from './media.js';
+import {calm, media, sleep} from './media.js';
 import {Renderer} from './renderer.js';
 import {layersOf, looksOf} from './structures.js';
 
@@ -121,7 +121,9 @@ export class Viewer {
         this.on.say('');
       }).catch(fail);
     }, {signal});
-    this.sizes = new ResizeObserver(() => this.resize());
+    this.sizes = new ResizeObserver(() => {  // paper shows the picture that is there
+      if (!media('print').matches) this.resize();
+    });
     this.sizes.observe(canvas);
     requestAnimationFrame((now) => this.frame(now));
     this.follow().catch(fail);
