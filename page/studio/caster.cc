@@ -23,7 +23,7 @@ constexpr std::size_t kMaxPages = 8;
 constexpr std::chrono::seconds kAway(2);  // after which a page that asks for nothing is closed
 constexpr std::size_t kMaxReadings = 4;   // volumes that are kept for the next recipe
 constexpr std::size_t kMaxThumbnails = 64;
-constexpr std::uint32_t kThumbnail = 112;  // pixels along a side
+constexpr std::uint32_t kThumbnail = 112;          // pixels along a side
 constexpr int kMovingQuality = 78, kQuality = 90;  // of JPEG
 
 Camera camera_of(const Look& look, const Sphere& own) {

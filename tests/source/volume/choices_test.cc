@@ -132,11 +132,11 @@ TEST(VolumeChoices, NrrdAxesOfComponentsAndTimesMayBeAnywhere) {
 TEST(VolumeChoices, MicrometresInAnyEncoding) {
   const Folder folder;
   for (const std::string unit : {"\u00b5m", "\u03bcm", "\xb5m", "\u00c2\u00b5m", "um", "Microns"}) {
-    const auto volume = expect_read(folder.write(
-        "a.nrrd", nrrd("type: uchar\ndimension: 3\nsizes: 5 4 3\nencoding: raw\n"
-                       "spacings: 1 1 1\nunits: \"" +
-                           unit + "\" \"" + unit + "\" \"" + unit + "\"\n",
-                       phantom_bytes(ScalarType::u8, false))));
+    const auto volume = expect_read(
+        folder.write("a.nrrd", nrrd("type: uchar\ndimension: 3\nsizes: 5 4 3\nencoding: raw\n"
+                                    "spacings: 1 1 1\nunits: \"" +
+                                        unit + "\" \"" + unit + "\" \"" + unit + "\"\n",
+                                    phantom_bytes(ScalarType::u8, false))));
     EXPECT_EQ(volume_io::micrometres(volume.unit), 1) << unit;
   }
 }

@@ -504,8 +504,8 @@ TEST(VolumeTiff, SamplesMayBeBitsOrHalfFloats) {
   const Folder folder;
   for (const int compression : {COMPRESSION_NONE, COMPRESSION_CCITTFAX3, COMPRESSION_CCITTFAX4})
     for (const int kind : {PHOTOMETRIC_MINISBLACK, PHOTOMETRIC_MINISWHITE}) {
-      const auto bits = expect_read(
-          write_pages(folder, 1, SAMPLEFORMAT_UINT, "\xA5\x20", compression, kind));
+      const auto bits =
+          expect_read(write_pages(folder, 1, SAMPLEFORMAT_UINT, "\xA5\x20", compression, kind));
       EXPECT_EQ(bits.type, ScalarType::u8);
       for (std::uint32_t x = 0; x < 11; ++x)
         EXPECT_EQ(value_at(bits, x, 3, 2), std::string("10100101001")[x] - '0') << x;
