@@ -399,7 +399,10 @@ globalThis.right = document.getElementById('a') instanceof SlfField;""")
                             onready={() => { globalThis.heard = true; }}/>;
         }
         if (globalThis.document) hydrateRoot(document.querySelector('main'), <App/>);
-        else console.log(renderToString(<App/>));"""
+        else {
+          console.log(renderToString(<App/>));
+          process.exit();  // since 19.3 a channel of React's keeps Node alive
+        }"""
     VUE = """import 'slf-field';
         import {createSSRApp, h, ref} from 'vue';
         import {renderToString} from 'vue/server-renderer';
