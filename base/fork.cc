@@ -12,16 +12,23 @@ constexpr unsigned kPause = 500;  // microseconds
 
 std::atomic<unsigned> at_work{0}, forking{0}, torn{0};
 thread_local unsigned own = 0;  // of `at_work`
+thread_local bool alone = true;  // no other thread was at work when this one forked
 
+// Once `at_work` was `own`, it exceeds it only for moments: who begins sees `forking` and waits.
+// So it is looked at here, not in the child, whose copy may be of such a moment.
 void begin_fork() {
   ++forking;
-  for (unsigned waited = 0; at_work > own && waited < 1000000; waited += kPause) usleep(kPause);
+  alone = at_work <= own;
+  for (unsigned waited = 0; !alone && waited < 1000000; waited += kPause) {
+    usleep(kPause);
+    alone = at_work <= own;
+  }
 }
 
 void end_in_parent() { --forking; }
 
 void end_in_child() {
-  if (at_work > 0) ++torn;  // its own work has threads, too
+  if (!alone || own > 0) ++torn;  // its own work has threads, too
   at_work = own;
   forking = 0;
 }

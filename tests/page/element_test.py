@@ -389,14 +389,17 @@ globalThis.right = document.getElementById('a') instanceof SlfField;""")
         self.assertEqual((done.stdout, done.stderr), ("undefined\n", ""))
 
     REACT = """import 'slf-field';
-        import {useState} from 'react';
+        import {useEffect, useRef, useState} from 'react';
         import {renderToString} from 'react-dom/server.browser';
         import {hydrateRoot} from 'react-dom/client';
         function App() {
           const [given, give] = useState({view: '60,10,3', 'min-distance': 2});
           globalThis.give = give;
-          return <slf-field src="field.slf" {...given}
-                            onready={() => { globalThis.heard = true; }}/>;
+          const field = useRef(null);
+          useEffect(() => field.current.addEventListener('ready',
+            () => { globalThis.heard = true; }), []);
+          return <slf-field ref={field} src="field.slf" {...given}
+                            oncamera={() => { globalThis.moved = true; }}/>;
         }
         if (globalThis.document) hydrateRoot(document.querySelector('main'), <App/>);
         else {
@@ -409,7 +412,8 @@ globalThis.right = document.getElementById('a') instanceof SlfField;""")
         const given = ref({view: '60,10,3', 'min-distance': 2});
         globalThis.give = (value) => { given.value = value; };
         const app = createSSRApp({render: () => h('slf-field', {
-          src: 'field.slf', ...given.value, onReady() { globalThis.heard = true; }})});
+          src: 'field.slf', ...given.value, onReady() { globalThis.heard = true; },
+          onCamera() { globalThis.moved = true; }})});
         if (globalThis.document) app.mount('main');
         else renderToString(app).then(console.log);"""
     TYPES = """import type {} from 'slf-field/react';
@@ -465,10 +469,12 @@ globalThis.right = document.getElementById('a') instanceof SlfField;""")
                                            f"<script src={name}.js></script>", script="")
                 self.settled(page)
                 self.assertEqual(page.run("[one().view, one().minDistance]"), ["60,10,3", 2])
-                if name != "react18":  # it knows no events of elements
-                    self.assertTrue(page.run("globalThis.heard"))
+                self.assertTrue(page.run("globalThis.heard"))
                 page.run("give({view: '20,0,2.5', 'auto-rotate': ''}), 0")
                 page.wait("one().view === '20,0,2.5' && one().autoRotate", 10)
+                # React 18 knows no events of elements; 19 listens from the second rendering on.
+                if name != "react18":
+                    page.wait("globalThis.moved", 10)
                 self.assertEqual(page.run("[one().minDistance, wrong]"), [1.02, []])
                 page.close()
         with open(path("react19/types.tsx"), "w") as file:
