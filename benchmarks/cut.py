@@ -20,6 +20,7 @@ import argparse
 import json
 import os
 import pathlib
+import re
 import subprocess
 import sys
 import time
@@ -167,7 +168,7 @@ def main():
     pictures, columns = [], 1
     for case in options.cases:
         name, _, rest = case.partition("=")
-        volume, *more = rest.split(":")
+        volume, *more = re.split(r":(?=\w+=)", rest)
         made, columns = run_case(name, volume, settings_of(more), build, options)
         pictures += made
     if options.sheet:

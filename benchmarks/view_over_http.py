@@ -9,10 +9,11 @@ request and from hosts that serve one, without delay and as over a link of 10 Mb
 program simulates the host and the link (tests/page/host.py). "h2": nginx serves one range in a
 request, over HTTP/2, without delay.
 
-Columns: requests, dependent round trips, bytes of the field and milliseconds, from the beginning of
-the page, until the first picture and until the view is complete; bytes also relative to the payload
-of the view's tiles. Then the page loads the rest of level 0: how many requests and bytes there are
-in all. The processor draws in place of a graphics card (Mesa), and the times include that.
+Columns: milliseconds from the beginning of the page until its poster shows; requests, dependent
+round trips, bytes of the field and milliseconds until the first picture of tiles and until the view
+is complete; bytes also relative to the payload of the view's tiles. Then the page loads the rest of
+level 0: how many requests and bytes there are in all. The processor draws in place of a graphics
+card (Mesa), and the times include that.
 
 Then how fast the page's workers decode: tiles a second of a worker that decodes, and the share of
 the time, from the first tile to the last, in which workers decode nothing.
@@ -58,6 +59,11 @@ Object.defineProperty(self, 'onmessage', {set(answer) {
     work.last = end;
   });
 }})"""
+# Runs before the page's own scripts.
+POSTER = """addEventListener('load', ({target}) => {
+  if (target.matches?.('[slot=poster] img'))
+    requestAnimationFrame(() => { globalThis.poster ??= performance.now(); });
+}, true)"""
 DRAWN = """async (count) => {
   const times = [];
   while (slf.drawing) await new Promise((done) => setTimeout(done, 2));
@@ -135,7 +141,7 @@ def main():
         field = os.path.join(folder, "field.slf")
         level = json.loads(slf("info", field, "--json"))["levels"][-1]["level"]
         print(f"{platform.node()}: {os.cpu_count()} cores; {os.path.getsize(field)} bytes of field")
-        print(f"{'ranges':6} {'link':17} {'view':10} | first: req trips   bytes   ms "
+        print(f"{'ranges':6} {'link':17} {'view':10} | poster | first: req trips   bytes   ms "
               f"| complete: req trips   bytes ratio    ms | all: req   bytes", flush=True)
         for view in VIEWS[:arguments.views]:
             text = ",".join(map(str, view))
@@ -151,21 +157,23 @@ def main():
                           Host(folder, ranges, rate, delay)) as host:
                         page = browser.open("about:blank", SIZE, SIZE)
                         page.call("Security.setIgnoreCertificateErrors", ignore=True)
+                        page.call("Page.addScriptToEvaluateOnNewDocument", source=POSTER)
                         page.call("Page.navigate", url=f"{host.url}/index.html#level={level}")
                         page.settle()
                         page.wait("!slf.statistics().busy")
-                        found = page.run("slf.statistics()")
+                        found, poster = page.run("[slf.statistics(), globalThis.poster]")
                         if (ranges, rate) == ("many", None):
                             frames[text] = page.run(f"({DRAWN})({FRAMES})")
                         page.close()
                         first, complete = found["first"], found["complete"]
                         row = {"ranges": ranges, "link": link, "view": view, "payload": payload,
-                               "first": first, "complete": complete,
+                               "poster": poster, "first": first, "complete": complete,
                                "requests": len(host.answers("field.slf")),
                                "bytes": host.bytes("field.slf")}
                     rows.append(row)
-                    print(f"{ranges:6} {link:17} {text:10} | {first['requests']:10} "
-                          f"{first['roundTrips']:5} {first['bytes']:7} {first['milliseconds']:4.0f} "
+                    print(f"{ranges:6} {link:17} {text:10} | {poster:6.0f} "
+                          f"| {first['requests']:10} {first['roundTrips']:5} "
+                          f"{first['bytes']:7} {first['milliseconds']:4.0f} "
                           f"| {complete['requests']:13} {complete['roundTrips']:5} "
                           f"{complete['bytes']:7} {complete['bytes'] / payload:5.2f} "
                           f"{complete['milliseconds']:5.0f} | {row['requests']:8} "

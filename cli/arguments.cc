@@ -261,9 +261,9 @@ void DrawArguments::add_resources_to(CLI::App& command) {
   add_cut_to(command);
 }
 
-RendererOptions DrawArguments::renderer() const {
+RendererOptions DrawArguments::renderer(const ViewOptions& view) const {
   RendererOptions options;
-  options.memory = cut.raycast.clip.empty() || cap == "hollow" ? memory : memory - memory_of_cap();
+  options.memory = view.cap ? memory - memory_of_cap() : memory;
   options.threads = threads;
   return options;
 }

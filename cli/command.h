@@ -429,7 +429,7 @@ struct DrawArguments {
   void add_to(CLI::App& command);
   void add_structures_to(CLI::App& command);
   void add_cut_to(CLI::App& command);
-  [[nodiscard]] RendererOptions renderer() const;
+  [[nodiscard]] RendererOptions renderer(const ViewOptions& view) const;
   /// The part of the memory that a cap has, if any.
   [[nodiscard]] std::uint64_t memory_of_cap() const { return memory / 4 * 3; }
   /// The files that are drawn from.

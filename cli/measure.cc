@@ -102,7 +102,7 @@ Result<void> run_measure(const MeasureArguments& a) {
           const bool all = draw.level == kAllLevels;
           if (all) draw.level = DrawArguments::kFinest;
           const auto view = SLF_TRY(draw.view(field, cameras.front()));
-          MeasureOptions options{cameras, view.mode, {}, draw.renderer(), view.clip, view.cap};
+          MeasureOptions options{cameras, view.mode, {}, draw.renderer(view), view.clip, view.cap};
           if (!all) options.levels = {view.level};
           const auto m = SLF_TRY(
               measure_views(field, options, progress_bar("measure", "views", OnSignal::end)));
@@ -193,7 +193,7 @@ Result<void> evaluate_with_pictures(const EvaluateArguments& a, const Field& fie
   const auto pictures = SLF_TRY(pictures_of(a, field));
   const auto view = SLF_TRY(a.draw.view(field));
   const auto qualities =
-      SLF_TRY(evaluate_pictures(field, pictures, view, a.draw.renderer(),
+      SLF_TRY(evaluate_pictures(field, pictures, view, a.draw.renderer(view),
                                 progress_bar("evaluate", "pictures", OnSignal::end)));
   EvaluatedPictures all{view, qualities, {}, field.file_bytes()};
   auto& [unnamed, whole, inside] = all.mean;
@@ -233,7 +233,7 @@ Result<void> run_evaluate(const EvaluateArguments& a) {
   if (const auto light = field.light(); !light)
     note(light.error().message + "; computing the light again");
   const auto evaluation =
-      SLF_TRY(evaluate_views(field, *scene, {cameras, view, a.draw.renderer(), a.supersample},
+      SLF_TRY(evaluate_views(field, *scene, {cameras, view, a.draw.renderer(view), a.supersample},
                              progress_bar("evaluate", "rows", OnSignal::end)));
   if (!evaluation.differs.empty())
     message(

@@ -71,7 +71,7 @@ Result<void> run_pick(const Arguments& a) {
   const auto provenance = nlohmann::json::parse(field.provenance());
   const std::string unit = text_of(provenance, "unit", "");
   const auto view = SLF_TRY(a.draw.view(field));
-  Renderer renderer(field, a.draw.renderer());
+  Renderer renderer(field, a.draw.renderer(view));
   for (const auto& [x, y] : pixels) {
     const auto found = SLF_TRY(pick(renderer, camera, x, y, view));
     if (a.json)

@@ -176,12 +176,13 @@ class StatePlayers {
  public:
   /// `states`: none for the one that the field shows.
   StatePlayers(Field field, std::span<const unsigned> states, PlayOptions options,
-               const DrawArguments& draw)
+               DrawArguments draw)
       : field_(std::move(field)),
         states_(states.begin(), states.end()),
         options_(std::move(options)),
-        draw_(draw) {
-    if (!states_.empty()) options_.renderer.memory /= window();
+        draw_(std::move(draw)) {
+    options_.renderer.memory /= window();
+    draw_.memory /= window();
   }
 
   /// The player of frame k. `camera(k)` is that of any frame.
@@ -234,7 +235,7 @@ class StatePlayers {
   const Field field_;
   const std::vector<unsigned> states_;
   PlayOptions options_;
-  const DrawArguments& draw_;
+  DrawArguments draw_;
   std::map<std::size_t, Made> players_;
 };
 
@@ -258,15 +259,14 @@ Result<std::vector<unsigned>> states_to_play(const PlayArguments& a, const Field
 
 /// Plays the path in real time. While a picture is written the clock stops, but the loading thread
 /// goes on.
-Result<PlayResult> play(const PlayArguments& a, const PlayOptions& options, FrameFiles* pictures) {
+Result<PlayResult> play(const PlayArguments& a, Loading way, FrameFiles* pictures) {
   if (a.cold && !is_address(a.field.path)) SLF_TRY(drop_page_cache(a.field.path));
   const auto field = SLF_TRY(a.draw.open(a.field));
   const auto path = SLF_TRY(a.camera_path(field.shape().sphere));
   const auto view = SLF_TRY(a.draw.view(field));
-  PlayOptions play_options = options;
-  play_options.view = view;
+  const PlayOptions options{a.draw.renderer(view), view, way, a.horizon};
   const auto states = SLF_TRY(states_to_play(a, field));
-  StatePlayers players(field, states, play_options, a.draw);
+  StatePlayers players(field, states, options, a.draw);
 
   PlayResult played{options.loading};
   ResidentMemory peak;
@@ -320,7 +320,6 @@ std::string played_row(const PlayResult& played) {
 Result<void> run_play(const PlayArguments& a) {
   if (!a.preview.empty() && !a.preview.ends_with(".webp"))
     return fail(ErrorCode::usage, "--preview ", a.preview, ": expected a name ending in .webp");
-  PlayOptions options{a.draw.renderer(), {}, Loading::ahead, a.horizon};
   auto pictures = SLF_TRY(FrameFiles::make(a));
 
   Played all{a.field.path, a.fps, a.size, a.draw.memory};
@@ -328,9 +327,8 @@ Result<void> run_play(const PlayArguments& a) {
       "loading\tframes\tlate\tmean ms\t95 %\tworst\tfull level\tleast\t% by level\thits\tloads\t"
       "read\tanonymous\tmapped"};
   for (const Loading way : a.loading) {
-    options.loading = way;
     // Pictures are written for the first way of loading only.
-    const auto played = SLF_TRY(play(a, options, all.runs.empty() ? &pictures : nullptr));
+    const auto played = SLF_TRY(play(a, way, all.runs.empty() ? &pictures : nullptr));
     if (played.frames.empty()) break;
     rows.push_back(played_row(played));
     all.runs.push_back(played);

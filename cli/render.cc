@@ -115,7 +115,7 @@ Result<void> run_render(const RenderArguments& a) {
   view.with_depth = a.picture.is_exr() && field.has_depth();
   const auto camera = SLF_TRY(a.camera.camera(field.shape().sphere));
 
-  Renderer renderer(field, a.draw.renderer());
+  Renderer renderer(field, a.draw.renderer(view));
   ViewStatistics statistics;
   auto image = SLF_TRY(renderer.render(camera, view, &statistics));
   SLF_TRY(check_drawn(field, statistics));

@@ -8,14 +8,14 @@ export const kNearer = 0.6;  // of the distance, by a double click
 const kDoubleTap = 300, kTapMoves = 6, kTapApart = 24;  // milliseconds, pixels, pixels
 
 // `over` lies on the canvas: the wheel zooms there, too, unless it scrolls a text, and a drag that
-// begins there turns the camera, but on a <nav>, which is swiped. Calls `moved` after each change,
-// `tap(x, y)` when the canvas is clicked, and `nearer(x, y)` when it is clicked twice; without that,
-// the camera then goes nearer. `wheels()`: whether the wheel zooms. `hears` is what keys are pressed
-// in; `keys` maps further ones to functions: {r: function, …}; one that returns false leaves the key
-// to the page. `signal` ends it.
+// begins there turns the camera, but on a <nav>, which is swiped. `wheeled` lies there as well, for
+// the wheel alone. Calls `moved` after each change, `tap(x, y)` when the canvas is clicked, and
+// `nearer(x, y)` when it is clicked twice; without that, the camera then goes nearer. `wheels()`:
+// whether the wheel zooms. `hears` is what keys are pressed in; `keys` maps further ones to
+// functions: {r: function, …}; one that returns false leaves the key to the page. `signal` ends it.
 export function attach(canvas, camera, {
-  over = [], moved, tap, nearer = () => { camera.zoom(kNearer); moved(); }, wheels, hears, keys,
-  signal}) {
+  over = [], wheeled = [], moved, tap, nearer = () => { camera.zoom(kNearer); moved(); }, wheels,
+  hears, keys, signal}) {
   const pointers = new Map();
   let last = 0, tapped = {}, travelled = 0;
 
@@ -90,8 +90,8 @@ export function attach(canvas, camera, {
       canvas.dispatchEvent(new PointerEvent('pointerdown', event));
     });
   }
-  for (const it of [canvas, ...over]) it.addEventListener('wheel', (event) => {
-    const text = event.target.closest('nav div');
+  for (const it of [canvas, ...over, ...wheeled]) it.addEventListener('wheel', (event) => {
+    const text = event.target.closest('nav div, [role=status]');
     if (!wheels() || text?.scrollHeight > text?.clientHeight) return;
     const pixels = event.deltaY * (event.deltaMode === 1 ? 33 : event.deltaMode === 2 ? 400 : 1);
     const before = camera.distance;

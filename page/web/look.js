@@ -148,7 +148,8 @@ export const kStyle = `
 #panel, #structures, #views, #hint, #status, #choose, dialog, #compass, #scale {
   background: var(--panel); border: 1px solid var(--line); border-radius: 10px;
 }
-:host([controls="none"]) :is(#panel, #structures, #views, #hint, #compass, #scale, #under) {
+:host([controls="none"])
+  :is(#panel, #structures, #views, #hint, #compass, #scale, #under, #planes, #notes) {
   display: none;
 }
 #panel, #structures {

@@ -583,7 +583,8 @@ export class SlfField extends (globalThis.HTMLElement ?? Object) {
       explain.point(buttons || pointerType === 'touch' ? undefined : [offsetX, offsetY]);
     canvas.onpointerleave = () => explain.point();
     attach(canvas, camera, {
-      over: [byId('notes'), byId('views')], moved, tap, signal,
+      over: [byId('notes'), byId('views')],
+      wheeled: ['planes', 'compass', 'status'].map(byId), moved, tap, signal,
       nearer: (x, y) => viewer.approach(x, y),
       hears,
       wheels: () => this.alone || this.shadowRoot.activeElement && document.hasFocus(),

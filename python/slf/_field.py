@@ -93,16 +93,17 @@ class Field:
     """
 
     def __init__(self, path: Path, *, memory: int = _DEFAULT_MEMORY, threads: int = 0,
-                 state: State | None = None, progress: Progress = None) -> None:
+                 state: State | None = None, cache: Path = "", cache_size: int = 1 << 30,
+                 progress: Progress = None) -> None:
         self._open: _slf.Field | None = None
-        path = _absolute(path)
-        self._opened_with = (path, memory, threads, state)
+        path, cache = _absolute(path), cache and os.path.abspath(os.fsdecode(cache))
+        self._opened_with = (path, memory, threads, state, cache, cache_size)
         self._structures: Structures | None = None
         self._composed: tuple[list[Any] | None, _slf.Field] | None = None
         self._others: dict[State, Field] = {}
         self._servers: dict[str, _slf.Server] = {}
         with reporter(progress, "fetch") as report:
-            self._open = _slf.Field(path, memory, threads, state, report)
+            self._open = _slf.Field(*self._opened_with, report)
         self.build_report: BuildReport | None = None
         """What slf.build() did, if it opened this field."""
 
@@ -134,7 +135,7 @@ class Field:
 
     def __reduce__(self) -> Any:
         """Pickled by path: where it is unpickled, the file is opened again."""
-        return _reopened, (*self._opened_with, self._structures)
+        return _reopened, (self._opened_with, self._structures)
 
     def __repr__(self) -> str:
         if self._open is None:
@@ -167,7 +168,7 @@ class Field:
         other = self._others.get(state)
         if other is None or other.closed:
             other = self._others[state] = self._variant(self._field.in_state(state), None)
-            other._opened_with = (*self._opened_with[:3], state)
+            other._opened_with = (*self._opened_with[:3], state, *self._opened_with[4:])
         return other
 
     def _variant(self, opened: _slf.Field, structures: Structures | None) -> Field:
@@ -531,22 +532,27 @@ def _end_threads() -> None:
 
 
 def open(path: Path, *, memory: int = _DEFAULT_MEMORY, threads: int = 0,
-         state: State | None = None, progress: Progress = None) -> Field:
+         state: State | None = None, cache: Path = "", cache_size: int = 1 << 30,
+         progress: Progress = None) -> Field:
     """Opens a field, complete or not: a file or an address, http:// or https://.
 
     memory: most bytes of decoded tiles.
     threads: for drawing; 0: all.
     state: which of the field's states to show; default: the first, or all that are structures.
+    cache: a folder that keeps what is read of a remote field for later programs, and cache_size
+        bytes of it, the most recently used.
     progress: counts the bytes of a remote field that must be fetched whole.
 
     Raises FileNotFoundError, slf.IoError, slf.BadFileError, slf.UnsupportedError (a newer format).
     """
-    return Field(path, memory=memory, threads=threads, state=state, progress=progress)
+    return Field(path, memory=memory, threads=threads, state=state, cache=cache,
+                 cache_size=cache_size, progress=progress)
 
 
-def _reopened(path: Path, memory: int, threads: int, state: State | None,
-              structures: Structures | None) -> Field:
-    field = Field(path, memory=memory, threads=threads, state=state)
+def _reopened(opened_with: tuple[Any, ...], structures: Structures | None) -> Field:
+    path, memory, threads, state, cache, cache_size = opened_with
+    field = open(path, memory=memory, threads=threads, state=state, cache=cache,
+                 cache_size=cache_size)
     return field if structures is None else field.compose(structures)
 
 

@@ -24,9 +24,11 @@ std::unique_ptr<OpenField> in_state(const OpenField& open, const State& state) {
 }
 
 std::unique_ptr<OpenField> open(const Text& path, std::uint64_t memory, unsigned threads,
-                                const std::optional<State>& state, py::object progress) {
+                                const std::optional<State>& state, const Text& cache,
+                                std::uint64_t cache_bytes, py::object progress) {
   LongCall call(std::move(progress));
-  auto field = call.value(path, [&] { return open_field(path, call.progress()); });
+  const RemoteOptions remote{.cache = cache, .cache_bytes = cache_bytes};
+  auto field = call.value(path, [&] { return open_field(path, call.progress(), nullptr, remote); });
   auto opened = std::make_unique<OpenField>(std::move(field), RendererOptions{memory, threads});
   return state ? in_state(*opened, *state) : std::move(opened);
 }
@@ -333,7 +335,8 @@ void bind_fields(py::module_& module) {
     return py::tuple(py::cast(Texts(names.begin(), names.end())));
   });
   type.def(py::init(&open), py::arg("path"), py::arg("memory"), py::arg("threads"),
-           py::arg("state"), py::arg("progress") = py::none())
+           py::arg("state"), py::arg("cache") = Text(), py::arg("cache_size") = 1 << 30,
+           py::arg("progress") = py::none())
       .def("in_state", in_state)
       .def("content", content)
       .def("compose", compose)

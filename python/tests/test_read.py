@@ -139,7 +139,7 @@ def test_errors_have_code_path_and_python_classes(tmp_path):
     assert caught.value.code == 3
 
 
-def test_field_of_a_web_server(balls_path):
+def test_field_of_a_web_server(balls_path, tmp_path):
     local = slf.open(balls_path)
     try:
         address = local.show().url + "field.slf"
@@ -147,6 +147,10 @@ def test_field_of_a_web_server(balls_path):
         pytest.skip("slf was built without the page, so there is no server here")
     with slf.open(address) as remote:
         assert np.array_equal(remote.render(size=(48, 48)), local.render(size=(48, 48)))
+    with slf.open(address, cache=tmp_path / "kept") as remote:
+        shown = pickle.loads(pickle.dumps(remote)).render(size=(48, 48))
+    assert np.array_equal(shown, local.render(size=(48, 48)))
+    assert sum(file.stat().st_size for file in (tmp_path / "kept").rglob("*")) > 10_000
     local.close()
     local.close()
     with pytest.raises(slf.IoError):
@@ -212,6 +216,31 @@ def test_planes_cut_what_is_played_measured_and_evaluated(tmp_path, voxels):
                 call(mode="bitri", clip=planes)
     with slf.build(voxels, tmp_path / "half.slf", clip=[(8, 6, 6, 0, 0, 1)], **how) as half:
         assert half.evaluate(voxels, [camera], size, clip=planes).psnr > 20  # it has the plane
+
+
+def test_a_reveal_is_added_and_read(tmp_path, voxels):
+    how = dict(SMALL, lighting="direct", light_samples=4)
+    affine = np.diag((2.0, 1.0, 1.0, 1.0))
+    with slf.build(voxels, tmp_path / "f.slf", affine=affine, **how) as field:
+        assert field.reveal() is None
+        cut = dict(camera=slf.orbit(20, 30, 3), size=(48, 48), clip=[((16, 6, 6), (0, 0, 1))])
+        hollow = field.render(**cut)
+        with pytest.raises(slf.UsageError, match="another volume"):
+            field.add_reveal(voxels[::-1].copy(), 16, affine=affine)
+        field.add_reveal(voxels, 32, (float(voxels.min()), float(voxels.max())), affine=affine)
+        values, placed = field.reveal()
+        assert not np.array_equal(field.render(**cut), hollow)
+        # The value in the middle of each voxel of the copy is about that of the volume there.
+        z, y, x = np.indices(values.shape)
+        world = np.stack((x, y, z, np.ones_like(x)), -1) @ placed.T
+        at = np.rint(world @ np.linalg.inv(affine).T)[..., :3].astype(int)
+        inside = np.all((at >= 0) & (at < voxels.shape[::-1]), axis=-1)
+        assert inside.mean() > 0.8
+        there = voxels[tuple(at[inside].T[::-1])]
+        assert np.corrcoef(there, values[inside])[0, 1] > 0.95
+    slf.repack(tmp_path / "f.slf", tmp_path / "g.slf", reveal=False)
+    with slf.open(tmp_path / "g.slf") as field:
+        assert field.reveal() is None
 
 
 def test_fields_and_cameras_are_pickled(balls):

@@ -49,6 +49,21 @@ def test_an_array_is_shown_saved_and_built(tmp_path):
     assert "studio at" in repr(studio)
 
 
+def test_a_path_is_shown(tmp_path):
+    np.save(tmp_path / "ball.npy", ball())
+    try:
+        studio = slf.studio(tmp_path / "ball.npy", tmp_path / "ball.slf")
+    except slf.UnsupportedError as error:
+        pytest.skip(str(error))
+    with studio:
+        page = studio.url + "studio/"
+        state = json.loads(ask(page + "state")[1])
+        assert state["name"] == "ball.npy"
+        ask(page + "save", {})
+    with open(tmp_path / "ball.recipe.json") as file:
+        assert json.load(file) == {"input": "ball.npy"}
+
+
 def test_scenes_of_python_are_refused(tmp_path):
     with pytest.raises(slf.UsageError, match="not for scenes"):
         slf.studio(slf.Scene(), tmp_path / "a.slf")

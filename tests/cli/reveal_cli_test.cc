@@ -204,7 +204,7 @@ TEST_F(RevealCli, CutsShowTheInside) {
   };
   const Arguments plane{"--clip", "12,12,12,1,0,0"};
   std::vector<std::string> pictures{drawn("whole.png", {})};
-  for (const std::string cap : {"shaded", "slice", "slice:100,150", "hollow"})
+  for (const std::string cap : {"shaded", "coarse", "slice", "slice:100,150", "hollow"})
     pictures.push_back(drawn("cut.png", {plane[0], plane[1], "--cap", cap}));
   for (std::size_t a = 0; a < pictures.size(); ++a)
     for (std::size_t b = a + 1; b < pictures.size(); ++b) EXPECT_TRUE(pictures[a] != pictures[b]);
@@ -226,6 +226,22 @@ TEST_F(RevealCli, CutsShowTheInside) {
            "--views", "2", "--size", "24", "--clip", "12,12,12,1,0,0", "--json"});
   ASSERT_EQ(quality.exit_code, 0) << quality.err;
   EXPECT_GT(quality.json()["psnr"].get<double>(), 24);
+}
+
+TEST_F(RevealCli, EachStateIsCutInItsOwnColours) {
+  std::ofstream(place / "u.json") << R"([{"Name": "u", "RGBPoints": [0, 0, 0, 1, 255, 0, 1, 0],
+                "Points": [0, 0, 0.5, 0, 50, 0, 0.5, 0, 100, 1, 0.5, 0]}])";
+  std::ofstream(place / "s.json")
+      << R"({"states": [{"name": "one"}, {"name": "two", "transfer": "u.json"}]})";
+  ASSERT_EQ(slf(build("a.slf", {"--reveal", "--states", place / "s.json"})).exit_code, 0);
+  for (const char* state : {"one", "two"}) {
+    const auto quality =
+        slf({"evaluate", place / "a.slf", "--state", state, "--volume", place / "ball.raw",
+             "--dims", "24x24x24", "--views", "2", "--size", "24", "--clip", "12,12,12,1,0,0",
+             "--cap", "shaded", "--json"});
+    ASSERT_EQ(quality.exit_code, 0) << quality.err;
+    EXPECT_GT(quality.json()["psnr"].get<double>(), 24) << state;
+  }
 }
 
 TEST_F(RevealCli, WrongCutsAreRefused) {

@@ -35,6 +35,7 @@ PREPARE = [
     "build scene:balls -o part-2.slf --entry 2 --exit 4 --levels 1 --shard 2/2",
     "cameras --sphere 0,0,0,1 --count 12 --size 32 -o c.json",
     "raycast scene:balls --cameras c.json -o balls",
+    "build w.raw --dims 16x16x16 --reveal --lighting direct -o V.slf --entry 2 --exit 4 --levels 0",
     "render F.slf -o F.png --size 32",
     "render G.slf -o G.png --size 32",
 ]
@@ -43,7 +44,7 @@ CASES = {
              "info part-2.slf --json", "info v.raw --dims 2x2x2 --json",
              "info v.raw --dims 2x2x2 --labels --json",
              f"info {DATA}/dicom --json", f"info {DATA}/dicom --series 3 --json",
-             "info pictures:balls --json"],
+             "info pictures:balls --json", "info V.slf --json"],
     "merge": ["merge part-1.slf part-2.slf -o M.slf --json"],
     "render": ["render F.slf -o x.png -f --size 32 --json"],
     "pick": ["pick F.slf --size 32 16,16 --json", "pick F.slf --size 32 0,0 --json"],
@@ -56,7 +57,7 @@ CASES = {
                "repack F.slf --codec predictive:50 --dry-run --json",
                "repack S.slf --split-states -o {state}.slf --json"],
     "verify": ["verify F.slf --json", f"verify {DATA}/golden/flipped_tile.slf --json",
-               f"verify {DATA}/golden/incomplete.slf --json"],
+               f"verify {DATA}/golden/incomplete.slf --json", "verify W.slf --json"],
     "transfer": ["transfer --json --list", "transfer ct-bone --json"],
     "ls": ["ls F.slf --json", "ls S.slf --state again --json", "ls G.slf --json --missing --level 1 --subfields 3",
            f"ls {DATA}/golden/incomplete.slf --json"],
@@ -204,6 +205,7 @@ def main():
     with tempfile.TemporaryDirectory(prefix="slf-schemas-") as folder:
         checker = Checker(arguments.slf.resolve(), folder)
         pathlib.Path(folder, "v.raw").write_bytes(bytes(range(8)))
+        pathlib.Path(folder, "w.raw").write_bytes(bytes(x ^ y for x in range(64) for y in range(64)))
         pathlib.Path(folder, "s.json").write_text(json.dumps(STATES))
         pathlib.Path(folder, "z.json").write_text(json.dumps(OTHER_STATES))
         checker.schema("recipe").validate(STATES)
@@ -211,6 +213,9 @@ def main():
             done = checker.run(line)
             if done.returncode != 0:
                 sys.exit(f"slf {line}: {done.stderr}")
+        data = bytearray(pathlib.Path(folder, "V.slf").read_bytes())
+        data[data.rfind(b"SLV1") + 100] ^= 1
+        pathlib.Path(folder, "W.slf").write_bytes(data)
         found = checker.commands_with_json()
         if found != set(CASES):
             checker.complain(f"commands with --json: {sorted(found)}; tested: {sorted(CASES)}")

@@ -223,9 +223,12 @@ globalThis.right = document.getElementById('a') instanceof SlfField;""")
     def test_limits_bound_what_hands_do(self):
         with Host(self.site()) as host:
             page = self.embedded(host, "<slf-field src='field.slf' view='30,20,3' min-distance='2'"
-                                       " max-elevation='40' disable-pan></slf-field>")
+                                       " max-distance='4' max-elevation='40' disable-pan>"
+                                       "</slf-field>")
             self.settled(page)
             camera = "one().viewer.camera"
+            page.run(f"{camera}.zoom(1.2), {camera}.zoom(1.2), 0")
+            self.assertEqual(page.run("one().view"), "30,20,4")
             page.run(f"now('picture').focus(), {camera}.turn(0, 80), {camera}.zoom(0.1), "
                      f"{camera}.pan(1, 1), 0")
             self.assertEqual(page.run("one().view"), "30,40,2")
@@ -239,6 +242,36 @@ globalThis.right = document.getElementById('a') instanceof SlfField;""")
             self.assertRegex(page.run("one().view"), r"^30,70,1.5,[\d.,-]+$")
             self.assertEqual(page.run("[one().hasAttribute('disable-pan'), "
                                       "one().getAttribute('max-elevation')]"), [False, "70"])
+            page.close()
+
+    def test_without_controls_only_the_picture_shows(self):
+        field = self.cut_field("cut", "--lighting", "direct")
+        words = {"views": [{"title": "A view", "orbit": [30, 20, 3]}],
+                 "notes": [{"label": "A note", "point": [14, 6, 10]}]}
+        with Host(self.site()) as host:
+            shutil.copy(field, os.path.join(host.folder, "cut.slf"))
+            with open(os.path.join(host.folder, "views.json"), "w") as file:
+                json.dump(words, file)
+            page = self.embedded(host, "<slf-field src='cut.slf' views='views.json' "
+                                 "clip='16,16,17,0,0,1' controls='none'></slf-field>")
+            self.settled(page)
+            shown = """[...now('picture').parentNode.children].filter((it) =>
+                (it.id === 'picture' || it.childNodes.length > 0) &&
+                it.getBoundingClientRect().height > 1).map(({id}) => id).join()"""
+            page.wait("now('planes').childNodes.length > 0 && now('notes').childNodes.length > 0")
+            self.assertEqual(page.run(shown), "picture")
+            page.run("one().controls = null, 0")
+            self.assertEqual(page.run(shown), "picture,planes,notes,compass,scale,panel,views")
+            # The cut is an attribute that may change.
+            up, lower, pictures = "16,16,17,0,0,1", "16,16,10,0,0,1", []
+            for planes in [[up], [lower], [lower, "16,16,16,1,0,0"], []]:
+                page.run(f"one().setAttribute('clip', '{';'.join(planes)}'), 0" if planes else
+                         "one().removeAttribute('clip'), 0")
+                self.assertEqual(page.run("one().clip"), planes)
+                page.wait(f"one().viewer.cut.planes.length === {len(planes)}")
+                self.settled(page)
+                pictures.append(page.run("now('picture').toDataURL()"))
+            self.assertEqual(len(set(pictures)), 4)
             page.close()
 
     def test_an_element_turns_by_itself_until_it_is_used(self):
@@ -499,6 +532,7 @@ globalThis.right = document.getElementById('a') instanceof SlfField;""")
                      '<meta property="og:title" content="&lt;A> brain">',
                      '<meta property="og:url" content="https://example.org/brain/">',
                      '<meta property="og:image" content="https://example.org/brain/poster.jpg">',
+                     '<meta name="twitter:card" content="summary_large_image">',
                      '<meta name="description" content="What &quot;it&quot; shows">']:
             self.assertIn(head, html)
         for url, image in [("https://example.org", "https://example.org/poster.jpg"),
@@ -506,6 +540,14 @@ globalThis.right = document.getElementById('a') instanceof SlfField;""")
             slf("export", self.fields[0], "-o", folder, "-f", "--levels", "0", "--url", url)
             with open(os.path.join(folder, "index.html")) as file:
                 self.assertIn(f'<meta property="og:image" content="{image}">', file.read())
+        # One file has its picture in itself, where programs that show links do not look for it.
+        one = path("about.html")
+        slf("export", self.fields[0], "-o", one, "-f", "--levels", "0", "--views",
+            path("about.json"), "--url", "https://example.org/brain.html")
+        with open(one) as file:
+            html = file.read()
+        self.assertIn('<meta property="og:url" content="https://example.org/brain.html">', html)
+        self.assertNotRegex(html, "og:image|twitter:")
         slf("export", self.fields[0], "-o", folder, "-f", "--levels", "0", "--views",
             path("about.json"))
         with Host(folder) as host:
@@ -660,6 +702,18 @@ globalThis.right = document.getElementById('a') instanceof SlfField;""")
 
     # ---- access ---------------------------------------------------------------------------------
 
+    AXE = """axe.run(document, {runOnly: ['wcag2a', 'wcag2aa', 'wcag21a', 'wcag21aa', 'wcag22aa']})
+      .then(({violations}) => violations.map(({id, nodes}) =>
+        [id, ...nodes.map(({target, failureSummary}) =>
+          [target.flat().join(' '), failureSummary])]))"""
+
+    SMALL = """[...slf.root.querySelectorAll('button, select, input, label')]
+      .filter((e) => e.offsetParent && !e.closest('label label, .check input'))
+      .filter((e) => !e.closest('label') || e.matches('label'))
+      .map((e) => [e.id || e.textContent.trim(), e.getBoundingClientRect()])
+      .filter(([, {width, height}]) => Math.min(width, height) < 43.5)
+      .map(([name, {width, height}]) => `${name} ${width} ${height}`)"""
+
     def test_access(self):
         """axe-core, and the size of all targets, on a desktop and on a phone."""
         axe = path("axe/node_modules/axe-core/axe.min.js")
@@ -681,21 +735,12 @@ globalThis.right = document.getElementById('a') instanceof SlfField;""")
                     if page.run(f"slf.root.getElementById('{panel}').hidden"):
                         self.press(page, key)
                 page.run(script + "; 0")
-                found = page.run("""axe.run(document, {runOnly: [
-                    'wcag2a', 'wcag2aa', 'wcag21a', 'wcag21aa', 'wcag22aa']}).then(
-                    ({violations}) => violations.map(({id, nodes}) =>
-                      [id, ...nodes.map(({target, failureSummary}) =>
-                        [target.flat().join(' '), failureSummary])]))""", 120)
-                with self.subTest(width=width, dark=dark):
-                    self.assertEqual(found, [])
-                    small = page.run("""[...slf.root.querySelectorAll(
-                        'button, select, input, label')]
-                      .filter((e) => e.offsetParent && !e.closest('label label, .check input'))
-                      .filter((e) => !e.closest('label') || e.matches('label'))
-                      .map((e) => [e.id || e.textContent.trim(), e.getBoundingClientRect()])
-                      .filter(([, {width, height}]) => Math.min(width, height) < 43.5)
-                      .map(([name, {width, height}]) => `${name} ${width} ${height}`)""")
-                    self.assertEqual(small, [])
+                for button in ["cut", "about"]:
+                    page.run(f"slf.root.getElementById('{button}').click(), 0")
+                    page.wait("slf.root.getElementById('planes').childNodes.length > 0")
+                    with self.subTest(width=width, dark=dark, button=button):
+                        self.assertEqual(page.run(self.AXE, 120), [])
+                        self.assertEqual(page.run(self.SMALL), [])
                 page.close()
 
 

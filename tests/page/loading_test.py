@@ -613,6 +613,50 @@ class LoadingTest(PageTest):
             self.assertEqual(frame["emptier"], 0)
             self.assertLessEqual(frame["steepest"], frames[-1]["steepest"] + 4)
 
+    def test_a_film_after_a_drag_gets_only_better(self):
+        """Each frame of a camera that rests, at 2 Mbit/s and offline."""
+        folder, _ = self.counted_site()
+        with Host(folder, rate=2.5e5, delay=0.04) as host:
+            page = self.open(f"{host.url}/index.html#view=30,20,3&level=2")
+            page.call("Network.enable")
+            page.settle()
+            page.run("""globalThis.film = [];
+              const shoot = () => {
+                requestAnimationFrame(shoot);
+                const {canvas, renderer: {gl}} = slf, {width, height} = canvas;
+                const frame = new Uint8Array(width * height * 4), view = slf.camera.toText();
+                gl.bindFramebuffer(gl.READ_FRAMEBUFFER, null);
+                gl.readPixels(0, 0, width, height, gl.RGBA, gl.UNSIGNED_BYTE, frame);
+                if (film[0]?.view !== view) film = [];
+                if (film.at(-1)?.frame.every((v, i) => v === frame[i])) return;
+                film.push({view, frame});
+              };
+              requestAnimationFrame(shoot), 0""")
+            for offline in [False, True]:
+                def link(offline):
+                    page.call("Network.emulateNetworkConditions", offline=offline, latency=0,
+                              downloadThroughput=-1, uploadThroughput=-1)
+
+                link(offline)
+                self.drag(page, (SIZE * 0.3, SIZE / 2), (SIZE * 0.6, SIZE * 0.6))
+                if offline:
+                    time.sleep(4)
+                    self.assertEqual(page.run("slf.state"), "loading")
+                    link(False)
+                page.settle()
+                found = page.run("""film.map(({frame}) => {
+                  const last = film.at(-1).frame;
+                  let error = 0;
+                  for (let i = 0; i < frame.length; ++i) error += (frame[i] - last[i]) ** 2;
+                  return -10 * Math.log10(Math.max(error / (0.75 * frame.length * 255 ** 2), 1e-9));
+                })""")
+                print(f"offline: {offline}, dB: {[round(v, 1) for v in found]}", flush=True)
+                with self.subTest(offline=offline):
+                    self.assertGreater(len(found), 3)
+                    for before, after in zip(found, found[1:]):
+                        self.assertGreaterEqual(after, before - 0.01)
+            page.close()
+
     def test_a_picture_that_fades_in_stays_whole(self):
         """While tiles of a finer level are awaited: what is solid before and after stays solid."""
         folder, _ = self.counted_site()

@@ -331,12 +331,21 @@ class NotebookTest(unittest.TestCase):
             page.run("Jupyter.notebook.save_notebook().then(() => 0)")
             page.run("Jupyter.notebook.kernel.restart(), 0")
             page.wait("document.querySelectorAll('slf-field').length === 0", 60)
-            self.assertEqual(page.run("""[...document.querySelectorAll('.output_html img')].map(
-                ({naturalWidth, height}) => [naturalWidth, height])"""),
-                             [[480, 400], [480, 540], [480, 540], [480, 400]])
+            pictures = """[...document.querySelectorAll('img[alt$=".slf"]')].map(
+                ({naturalWidth, height}) => [naturalWidth, height])"""
+            left = page.run(pictures)
+            self.assertEqual(left, [[480, 400], [480, 540], [480, 540], [480, 400]])
             page.close()
         with open(path("widget.ipynb")) as file:
             self.assertNotIn("slf-field", file.read())  # nor what the kernel had sent
+        subprocess.run([sys.executable, "-m", "nbconvert", "--to", "html", "--log-level", "ERROR",
+                        path("widget.ipynb")], check=True)
+        self.browser.events.clear()
+        page = self.browser.open("file://" + os.path.abspath(path("widget.html")), 1000, 1800)
+        page.wait("document.readyState === 'complete'")
+        self.assertEqual(page.run(pictures), left)
+        self.assertEqual([said for said in page.complaints() if "slf" in said], [])
+        page.close()
 
     def test_what_is_left_when_the_kernel_has_ended(self):
         """On reload and in HTML by nbconvert: a picture, or the field if it is small."""
@@ -407,6 +416,13 @@ class NotebookTest(unittest.TestCase):
             found = page.run(f"[{FRAME}.contentWindow.location.href, "
                              "document.querySelectorAll('.output_area iframe').length]")
             self.expect_visible(page, "away")
+            # A widget needs no more than the notebook's own connection.
+            page.run("""((cell) => {
+              cell.set_text('field.widget()');
+              cell.execute();
+              cell.element[0].scrollIntoView();
+            })(Jupyter.notebook.insert_cell_at_bottom('code'))""")
+            page.wait("document.querySelector('slf-field')?.viewer?.state === 'settled'", 60)
             self.assertEqual([line for line in page.complaints() if "slf" in line], [])
             page.close()
             return found

@@ -207,12 +207,14 @@ class PageTest(unittest.TestCase):
             json.dump(views, file)
         return Server("--views", path("views.json"), field or self.fields[0])
 
-    @staticmethod
-    def press(page, key):
-        for kind in ["keyDown", "keyUp"]:
-            page.call("Input.dispatchKeyEvent", type=kind, key=key)
+    SHIFT = 8
 
-    def drag(self, page, begin, end, steps=8, touch=False):
+    @staticmethod
+    def press(page, key, modifiers=0):
+        for kind in ["keyDown", "keyUp"]:
+            page.call("Input.dispatchKeyEvent", type=kind, key=key, modifiers=modifiers)
+
+    def drag(self, page, begin, end, steps=8, touch=False, modifiers=0):
         def mouse(kind, share, buttons=1):
             x, y = (a + share * (b - a) for a, b in zip(begin, end))
             if touch:
@@ -221,7 +223,7 @@ class PageTest(unittest.TestCase):
                           touchPoints=[{"x": x, "y": y}] if buttons else [])
                 return
             page.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left",
-                      buttons=buttons, clickCount=1)
+                      buttons=buttons, clickCount=1, modifiers=modifiers)
         mouse("mousePressed", 0)
         for step in range(1, steps + 1):
             mouse("mouseMoved", step / steps)

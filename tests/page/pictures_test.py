@@ -84,6 +84,31 @@ class PicturesTest(PageTest):
                         self.assertGreaterEqual(found, 42)
                 page.close()
 
+    def test_cuts_of_states_are_those_of_slf_render(self):
+        """Each state has its own colours, of the faces, too."""
+        with open(path("colours.json"), "w") as file:
+            json.dump({"states": [{"name": name, "transfer": name}
+                                  for name in ["mr-brain", "flame"]]}, file)
+        field = self.cut_field("colours", "--lighting", "direct", "--states", path("colours.json"))
+        clip, drawn = "16,16,17,0,0,1", []
+        with Server(field) as server:
+            page = self.browser.open(server.url, SIZE, SIZE)
+            page.settle()
+            for state in ["flame", "mr-brain"]:
+                self.cut(page, f"{clip}&state={state}", "shaded")
+                self.assertEqual(page.run("slf.root.host.state"), state)
+                page.canvas(path("cut-page.png"))
+                drawn.append(path(state + ".png"))
+                slf("render", field, "-o", drawn[-1], "-f", "--state", state, "--level", 1,
+                    "--orbit", "30,20,3", "--size", f"{SIZE}x{SIZE}", "--background", "0,0,0",
+                    "--clip", clip)
+                found = json.loads(slf("compare", path("cut-page.png"), drawn[-1], "--json"))
+                with self.subTest(state=state):
+                    self.assertGreaterEqual(found["psnr"] or 99, 42)
+            page.close()
+        found = json.loads(slf("compare", *drawn, "--json"))
+        self.assertLess(found["psnr"], 25)
+
     def test_any_distance_that_slf_render_takes_is_shown(self):
         field = self.fields[0]
         with Server(field) as server:

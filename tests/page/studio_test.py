@@ -11,6 +11,7 @@ import math
 import os
 import shutil
 import signal
+import struct
 import subprocess
 import sys
 import time
@@ -407,6 +408,10 @@ class StudioTest(unittest.TestCase):
             self.fine(page)
             page.run("document.getElementById('save').click()")
             page.wait("document.getElementById('said').textContent.startsWith('Saved')")
+            page.run("document.getElementById('each_label').click()")
+            self.fine(page)
+            self.assertTrue(studio.state()["recipe"]["each_label"])
+            page.wait("document.getElementById('forecast').textContent.includes('MiB')", 60)
             page.close()
         with open(path("atlas.recipe.json")) as file:
             labels = json.load(file)["label_table"]["labels"]
@@ -614,6 +619,250 @@ class StudioTest(unittest.TestCase):
             self.assertEqual(studio.ask("recipe", first)[0], 200)
             self.assertEqual(studio.ask("recipe", first)[0], 200)  # its answer was lost
             self.assertEqual(studio.ask("recipe", {**first, "page": 8})[0], 409)
+
+    def labelled(self, page, label):
+        """The numbers in the inputs whose label begins so."""
+        return page.run(f"[...document.querySelectorAll('[aria-label^=\"{label}\"]')]"
+                        ".map((input) => Number(input.value))")
+
+    def make_direct(self):
+        with open(path("made.json"), "w") as file:
+            json.dump({"input": "ball.nhdr", "lighting": "direct"}, file)
+
+    def built(self, studio):
+        """What the state says of a build once that has ended."""
+        while True:
+            told = studio.state()["build"]
+            if "field" in told or "error" in told:
+                return told
+            time.sleep(0.05)
+
+    def test_a_build_is_stopped_and_goes_on(self):
+        os.makedirs(path("made"))
+        self.addCleanup(shutil.rmtree, path("made"))
+        with Studio("ball.nhdr", "-o", "ball.slf", "--save", "made/mine.json") as studio:
+            options = {"lighting": "direct", "quality": "draft"}
+            self.assertEqual(studio.ask("recipe", {
+                "revision": studio.state()["revision"], "shown": options, "recipe": options,
+                "views": {"views": [{"title": "a", "orbit": [1, 2, 3]}]}})[0], 200)
+            self.assertEqual(studio.ask("build", {})[0], 200)
+            while not studio.state()["build"]["done"]:
+                pass
+            self.assertEqual(studio.ask("build", {})[0], 409)
+            self.assertEqual(studio.ask("stop", {})[0], 200)
+            self.assertIn("interrupted", self.built(studio)["error"])
+            self.assertFalse(os.path.exists(path("ball.slf")))
+            self.assertTrue(os.path.exists(path("ball.slf.unfinished")))
+
+            # One page shows the build and is closed; another waits for its first picture.
+            page, other = (self.browser.open(studio.url, 900, 500) for _ in range(2))
+            for one in (page, other):
+                self.fine(one)
+            self.assertIn("interrupted", page.run("document.getElementById('said').textContent"))
+            self.set(page, "#exposure", "0")
+            self.assertIn("slf build", self.copied(page))
+            page.run("document.getElementById('build').click()")
+            page.wait("document.getElementById('progress').value > 0")
+            page.close()
+            self.set(other, "#exposure", "0")
+            self.fine(other)  # after the build, of which nothing told it
+            other.close()
+            self.assertIn("field", self.built(studio))
+            page = self.open(studio)
+            page.wait("!document.getElementById('result').hidden")
+            command = self.copied(page)
+            page.close()
+        self.assertEqual(sorted(os.listdir(path("made"))), ["mine.json", "mine.views.json"])
+        self.assertEqual(sorted(os.listdir(WORK)), ["ball.nhdr", "ball.raw", "ball.slf", "made"])
+        os.rename(path("ball.slf"), path("first.slf"))
+        subprocess.run([SLF, *command.split()[1:]], cwd=WORK, check=True)
+        slf("diff", path("first.slf"), path("ball.slf"))
+
+    def copied(self, page):
+        """The command line that the page copies."""
+        page.run("document.getElementById('copy').click()")
+        page.wait("document.getElementById('said').textContent.startsWith('slf build')")
+        return page.run("document.getElementById('said').textContent")
+
+    def test_files_of_colours_are_dropped(self):
+        files = {
+            "one.json": json.dumps([{"Name": "one", "ColorSpace": "RGB",
+                                     "RGBPoints": [100, 1, 0, 0, 200, 1, 1, 0],
+                                     "Points": [100, 0, 0.5, 0, 200, 0.3, 0.5, 0]}]),
+            "two.vp": "1\n1\n0\n0.2\n1\n0\n4 90 0 220 1\n4 0 1 255 1\n"
+                      "8 90 0 1 0 220 0 0 1\n",
+            "three.clut": "[FLT]\nmin=0\nmax=0\n[INT]\nnumnodes=2\n[BYT]\nnodeintensity0=0\n"
+                          "nodeintensity1=255\n[RGBA255]\nnodergba0=0|0|0|0\n"
+                          "nodergba1=255|0|255|200\n"}
+        self.make_direct()
+        with Studio("made.json", "-o", "ball.slf") as studio:
+            page = self.open(studio)
+            self.drop(page, "wrong.txt", "'no colours'")
+            self.status(page, "wrong.txt: expected a transfer function of ParaView")
+            count = page.run("document.querySelectorAll('#presets button').length")
+            self.canvas(page, "before.png")
+            for k, (name, text) in enumerate(files.items(), 1):
+                points = self.labelled(page, "Value of point")
+                self.drop(page, name, json.dumps(text))
+                page.wait("document.querySelectorAll('#presets button').length === "
+                          f"{count + k} && !studio.sending")
+                self.fine(page)
+                self.canvas(page, "shown.png")
+                self.assertNotIn("inf", slf("compare", path("before.png"), path("shown.png")))
+                self.assertNotEqual(self.labelled(page, "Value of point"), points)
+                os.replace(path("shown.png"), path("before.png"))
+            names = [preset["name"] for preset in studio.state()["presets"]]
+            self.assertEqual(names[count:], ["one", "two", "three"])
+            page.run(f"document.querySelectorAll('#presets button')[{count}].click()")
+            self.assertEqual(self.labelled(page, "Value of point"), [100, 200])
+            self.assertEqual(self.labelled(page, "Opacity of point"), [0, 0.3])
+            page.wait("[...document.querySelectorAll('#presets img')].every((image) =>"
+                      " image.scrollIntoView() ?? image.naturalWidth > 0)")
+            page.close()
+
+    def test_settings_as_numbers(self):
+        with open(path("made.json"), "w") as file:
+            json.dump({"input": "ball.nhdr", "lighting": "direct", "range": [60, 180],
+                       "transfer": "ct-bone"}, file)
+        with Studio("made.json", "-o", "ball.slf") as studio:
+            page = self.open(studio, 900, 800)
+
+            def shown():
+                page.wait("!studio.sending")
+                return studio.state()["shown"]
+
+            # The curve.
+            values = self.labelled(page, "Value of point")
+            self.assertEqual([values[0], values[-1]], [60, 180])
+            self.set(page, "[aria-label='Value of point 1']", "-500")
+            self.assertEqual(page.run("parseFloat(document.getElementById('ends').textContent)"),
+                             -500)
+            self.set(page, "[aria-label='Value of point 1']", "50")
+            self.set(page, "[aria-label='Opacity of point 2']", "0.125")
+            self.set(page, "[aria-label='Colour of point 2']", "#00ff00")
+            function = shown()["transfer"]
+            self.assertEqual((function["Points"][0], function["Points"][5]), (50, 0.125))
+            self.assertEqual(function["RGBPoints"][5:8], [0, 1, 0])
+            self.assertNotIn("range", shown())
+            page.run("document.getElementById('add').click()")
+            self.assertEqual(len(self.labelled(page, "Value of point")), len(values) + 1)
+            page.run("document.querySelector('[aria-label=\"Remove point 1\"]').click()")
+            self.assertEqual(len(self.labelled(page, "Value of point")), len(values))
+            self.set(page, "#low", "100")
+            self.set(page, "#high", "200")
+            ends = self.labelled(page, "Value of point")
+            self.assertEqual([ends[0], ends[-1], shown()["transfer"]["Points"][0]],
+                             [100, 200, 100])
+            self.fine(page)
+            page.call("Input.dispatchMouseEvent", type="mouseMoved", x=290, y=420)
+            page.wait("document.getElementById('under').textContent")
+            value, _, *place = page.run("document.getElementById('under').textContent").split()
+            voxel = [round(float(x.strip(","))) for x in place]
+            with open(path("ball.raw"), "rb") as file:
+                file.seek(voxel[0] + DIMS[0] * (voxel[1] + DIMS[1] * voxel[2]))
+                self.assertEqual(float(value), file.read(1)[0])
+
+            # The light.
+            page.run("document.getElementById('ball').focus()")
+            page.call("Input.dispatchKeyEvent", type="keyDown", key="ArrowRight")
+            turned = page.run("document.getElementById('ball').ariaValueText")
+            self.assertEqual(turned, "10 right, 0 up")
+            self.assertAlmostEqual(math.hypot(*shown()["light"]), 1, delta=0.001)
+            page.run("document.getElementById('undo').click()")
+            self.assertNotIn("light", shown())
+            self.assertEqual(page.run("document.getElementById('ball').ariaValueText"),
+                             "0 right, 0 up")
+            page.run("document.getElementById('redo').click()")
+            self.assertEqual(page.run("document.getElementById('ball').ariaValueText"), turned)
+
+            # Planes, and a crop, whose undoing brings back the histogram.
+            page.run("document.querySelector('[data-axis=\"0\"]').click()")
+            numbers = "[aria-label='Point and normal of plane 1']"
+            self.set(page, numbers, "13.5, 12.5, 11.5, 1, 0, 0")
+            page.run("document.querySelector('#planes button').click()")
+            self.set(page, numbers, "1, 2, 3")
+            self.assertEqual(page.run(f'document.querySelector("{numbers}").value'),
+                             "13.5, 12.5, 11.5, -1, 0, 0")
+            self.assertEqual(shown()["clip"], [[13.5, 12.5, 11.5, -1, 0, 0]])
+
+            def counted():
+                self.fine(page)
+                return sum(studio.state()["histogram"]["counts"])
+
+            self.set(page, "#crop", "0:28,0:26,4:24")
+            self.assertEqual(counted(), 28 * 26 * 20)
+            page.run("document.getElementById('undo').click()")
+            self.assertEqual(counted(), math.prod(DIMS))
+            page.run("document.getElementById('redo').click()")
+
+            # What excludes another, what states have in common, and what needs a title.
+            self.set(page, "#projection", "mip")
+            self.assertNotIn("lighting", shown())
+            self.set(page, "#lighting", "shadowed")
+            self.assertNotIn("projection", shown())
+            page.run("document.getElementById('undo').click()")
+            self.assertEqual(shown()["projection"], "mip")
+            self.set(page, "#statename", "other", "input")
+            page.run("document.getElementById('addstate').click()")
+            self.set(page, "#quality", "draft")
+            self.set(page, "#radius", "12.5")
+            self.assertEqual(shown()["radius"], 12.5)
+            recipe = studio.state()["recipe"]
+            self.assertEqual((recipe["quality"], recipe["radius"]), ("draft", 12.5))
+            page.run("document.querySelector('[aria-label=\"Remove other\"]').click()")
+            page.run("document.querySelector('[aria-label=\"Remove whole\"]').click()")
+            self.assertTrue(page.run("document.querySelector('[data-about=author]').disabled"))
+            self.set(page, "[data-about=title]", "A ball")
+            self.set(page, "[data-about=author]", "A. Author")
+            self.set(page, "[data-about=source]", "nowhere")  # is not sent
+            shown()
+            self.set(page, "[data-about=source]", "https://example.org/ball")
+            shown()
+            self.assertEqual(studio.state()["views"]["about"], {
+                "title": "A ball", "author": "A. Author", "source": "https://example.org/ball"})
+
+            # The whole is what `slf raycast` draws.
+            self.fine(page)
+            self.canvas(page, "shown.png")
+            size = page.run("['width', 'height'].map((side) =>"
+                            " document.getElementById('picture')[side]).join('x')")
+            page.run("document.getElementById('save').click()")
+            page.wait("document.getElementById('said').textContent.startsWith('Saved')")
+            page.close()
+        slf("raycast", path("ball.recipe.json"), "-o", path("cast.png"), "--size", size)
+        self.assertIn("inf", slf("compare", path("shown.png"), path("cast.png")))
+
+    def test_slices_and_pictures(self):
+        for folder in ["slices", "balls"]:
+            self.addCleanup(shutil.rmtree, path(folder), ignore_errors=True)
+        os.makedirs(path("slices"))
+        with open(path("ball.raw"), "rb") as file:
+            for z in range(DIMS[2]):  # TIFF: tags with a number each, then the pixels
+                tags = {256: DIMS[0], 257: DIMS[1], 258: 8, 259: 1, 262: 1, 273: 122,
+                        277: 1, 278: DIMS[1], 279: DIMS[0] * DIMS[1]}
+                with open(path(f"slices/{z:02}.tif"), "wb") as to:
+                    to.write(b"II*\0" + struct.pack("<IH", 8, len(tags)))
+                    for tag, number in tags.items():
+                        to.write(struct.pack("<HHII", tag, 4, 1, number))
+                    to.write(bytes(4) + file.read(DIMS[0] * DIMS[1]))
+        slf("cameras", "--sphere", "0,0,0,1", "--count", "12", "--size", "32", "-o", path("c.json"))
+        slf("raycast", "scene:balls", "--cameras", path("c.json"), "-o", path("balls"))
+        for arguments, name in [(["slices", "--spacing", "1,1,1"], "slices"),
+                                (["pictures:balls"], "balls")]:
+            with Studio(*arguments, "-o", f"{name}.slf") as studio:
+                page = self.open(studio)
+                self.assertEqual(page.run("document.getElementById('status').textContent"), "")
+                self.assertEqual(page.run("document.getElementById('presets').hidden"),
+                                 name == "balls")
+                if name == "slices":
+                    self.assertEqual(sum(studio.state()["histogram"]["counts"]), math.prod(DIMS))
+                self.canvas(page, "shown.png")
+                size = page.run("['width', 'height'].map((side) =>"
+                                " document.getElementById('picture')[side]).join('x')")
+                self.assertEqual(studio.ask("save", {})[0], 200)
+                page.close()
+            slf("raycast", path(f"{name}.recipe.json"), "-o", path("cast.png"), "--size", size)
+            self.assertIn("inf", slf("compare", path("shown.png"), path("cast.png")))
 
     def make_atlas(self):
         middle = [(d - 1) / 2 for d in DIMS]

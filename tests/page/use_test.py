@@ -39,24 +39,30 @@ class UseTest(PageTest):
             # do not. Beside the object it goes straight on.
             surface = page.run("slf.probe([[220, 250]])[0]")
             page.run("""globalThis.taps = [];
-              addEventListener('pointerup', () => taps.push(performance.now()), true)""")
-            for apart, place, distance in [(100, (220, 250), 3), (2, (500, 250), 1.8),
-                                           (2, (220, 250), 0.6 * surface["distance"])]:
+              addEventListener('pointerup', (event) => taps.push(event), true)""")
+            near = 0.6 * surface["distance"]
+            for kind, apart, place, distance in [
+                    ("mouse", 100, (220, 250), 3), ("mouse", 2, (500, 250), 1.8),
+                    ("mouse", 2, (220, 250), near), ("touch", 2, (220, 250), near)]:
                 for _ in range(10):  # until the second click is in time
                     page.run("slf.camera.reset()")
                     page.run("new Promise((done) => setTimeout(done, 400))")
                     for x in [place[0], place[0] + apart]:
-                        for kind in ["mousePressed", "mouseReleased"]:
-                            page.call("Input.dispatchMouseEvent", type=kind, x=x, y=place[1],
-                                      button="left", buttons=int(kind == "mousePressed"),
-                                      clickCount=1)
+                        at = (x, place[1])
+                        self.drag(page, at, at, steps=0, touch=kind == "touch")
                     page.wait("!slf.flight")
-                    if page.run("taps.at(-1) - taps.at(-2) < 250"):
+                    if page.run("taps.at(-1).timeStamp - taps.at(-2).timeStamp < 250"):
                         break
+                self.assertEqual(page.run("taps.at(-1).pointerType"), kind)
                 self.assertAlmostEqual(page.run("slf.camera.distance"), distance, delta=0.02)
-            at = page.run(f"slf.camera.project({json.dumps(surface['point'])}, 512, 512)")
-            self.assertAlmostEqual(at["x"], 256, delta=8)
-            self.assertAlmostEqual(at["y"], 256, delta=8)
+            # The camera turns about that point from then on.
+            for key in ["", "ArrowRight", "ArrowUp"]:
+                if key:
+                    self.press(page, key)
+                at = page.run(f"slf.camera.project({json.dumps(surface['point'])}, 512, 512)")
+                self.assertAlmostEqual(at["x"], 256, delta=8)
+                self.assertAlmostEqual(at["y"], 256, delta=8)
+            self.assertEqual(page.run("[slf.camera.azimuth, slf.camera.elevation]"), [36, 26])
             page.close()
 
     # ---- explaining -----------------------------------------------------------------------------
@@ -102,6 +108,11 @@ class UseTest(PageTest):
         return page.run("""(({x, y, width, height}) => [x + width / 2, y + height / 2])(
             slf.root.querySelector('#planes circle').getBoundingClientRect())""")
 
+    def rim(self, page):
+        """A place on the rim of the first plane."""
+        return page.run("""(({x, y}) => [x, y])(slf.project(
+            slf.root.host.handles.rim(slf.cut.planes[0])[10]))""")
+
     def plane(self, page):
         return page.run("slf.root.host.clip.join().split(',').map(Number)")
 
@@ -124,8 +135,7 @@ class UseTest(PageTest):
             self.drag(page, (x, y), (x + 12, y - 6), touch=True)  # back, by a finger
             self.assertGreater(self.plane(page)[1], moved[1] + 0.02 * sphere["radius"])
             self.assertEqual(self.plane(page)[3:], before[3:])
-            begin = page.run("""(({x, y}) => [x, y])(slf.project(
-              slf.root.host.handles.rim(slf.cut.planes[0])[10]))""")
+            begin = self.rim(page)
             self.drag(page, begin, (begin[0] + 40, begin[1] + 10))
             tilted = self.plane(page)
             self.assertGreater(abs(tilted[3]) + abs(tilted[5]), 0.1)
@@ -133,7 +143,33 @@ class UseTest(PageTest):
             self.assertEqual(page.run("slf.camera.toText()"), camera)  # which stays
             # The arrow has the focus.
             self.press(page, "Home")
-            self.assertEqual(sorted(map(abs, self.plane(page)[3:])), [0, 0, 1])
+            axis = self.plane(page)[3:]
+            self.assertEqual(sorted(map(abs, axis)), [0, 0, 1])
+            # With Shift, arrows turn it as a ball whose front moves that way.
+            for key, back, way in [("ArrowRight", "ArrowLeft", "right"),
+                                   ("ArrowDown", "ArrowUp", "down")]:
+                self.press(page, key, self.SHIFT)
+                there = page.run(f"slf.camera.axes(1, 1).{way}")
+                turned = self.plane(page)[3:]
+                self.assertGreater(sum((a - b) * w for a, b, w in zip(turned, axis, there)), 0.01)
+                self.press(page, back, self.SHIFT)
+                for a, b in zip(self.plane(page)[3:], axis):
+                    self.assertAlmostEqual(a, b, delta=0.01)
+            # Dropped near to an axis, it snaps to that, unless Shift is held.
+            self.press(page, "Home")
+            for options, snaps in [({"modifiers": self.SHIFT}, False), ({}, True),
+                                   ({"touch": True}, True)]:
+                begin = self.rim(page)
+                self.drag(page, begin, (begin[0] + 4, begin[1] + 2), **options)
+                self.assertEqual(sorted(map(abs, self.plane(page)[3:])) == [0, 0, 1], snaps)
+            begin = self.rim(page)
+            self.drag(page, begin, (begin[0] + 30, begin[1] + 20), touch=True)
+            self.assertLess(max(map(abs, self.plane(page)[3:])), 0.995)
+            self.assertEqual(page.run("slf.camera.toText()"), camera)
+            self.press(page, "Home")
+            before = self.plane(page)
+            page.run("slf.root.getElementById('flip').click(), 0")
+            self.assertEqual(self.plane(page), before[:3] + [-v if v else 0 for v in before[3:]])
             before = self.plane(page)
             self.press(page, "Enter")
             self.assertEqual(self.plane(page)[3:], [-v if v else 0 for v in before[3:]])
@@ -142,10 +178,26 @@ class UseTest(PageTest):
             self.assertAlmostEqual(
                 sum((a - b) * n for a, b, n in zip(after, before, after[3:])),
                 0.02 * sphere["radius"], 2)
-            page.run("slf.root.getElementById('more').click(), 0")
-            page.wait("slf.cut.planes.length === 2")
-            page.run("slf.root.getElementById('remove').click(), 0")
-            page.wait("slf.cut.planes.length === 1")
+            more = "slf.root.getElementById('more')"
+            for count in [2, 3]:
+                page.run(more + ".click(), 0")
+                page.wait(f"slf.cut.planes.length === {count}")
+                self.assertEqual(page.run(more + ".disabled"), count == 3)
+            for count in [2, 1]:
+                page.run("slf.root.getElementById('remove').click(), 0")
+                page.wait(f"slf.cut.planes.length === {count} && !{more}.disabled")
+            # The wheel zooms over what lies on the picture, too.
+            page.run("slf.root.host.say('A text'), 0")
+            middle = """(({x, y, width, height}) => [x + width / 2, y + height / 2])(
+                slf.root.querySelector('%s').getBoundingClientRect())"""
+            for name in ["#planes .wide", "#planes circle", "#compass span", "#status"]:
+                x, y = self.rim(page) if name == "#planes .wide" else page.run(middle % name)
+                self.assertTrue(page.run(f"slf.root.elementFromPoint({x}, {y}).matches('{name}')"))
+                page.call("Input.dispatchMouseEvent", type="mouseWheel", x=x, y=y, deltaX=0,
+                          deltaY=100)
+                page.wait("slf.camera.distance > 3", 10)
+                page.run("slf.camera.fromText('30,20,3'), slf.moved(), 0")
+            page.run("slf.root.host.say(''), 0")
             page.run("slf.root.host.cap = 'slice', 0")
             page.wait("slf.cut.cap === 'slice' && !slf.root.getElementById('greys').hidden")
             page.run("""slf.root.getElementById('grey').value = 150;
