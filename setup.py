@@ -42,5 +42,5 @@ def needed(folder):
 
 
 setup(version=VERSION, packages=["slf"], package_dir={"": "python"},
-      package_data={"slf": ["py.typed", "*.pyi", "*.js", "packages.txt"]},
+      package_data={"slf": ["py.typed", "*.js", "packages.txt"]},
       ext_modules=[Extension("slf._slf", sources=[])], cmdclass={"build_ext": BuildWithCMake})

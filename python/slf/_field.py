@@ -516,7 +516,7 @@ class Player(_slf.Player):
              background: Sequence[float] | None = None, tone: Tone | None = None) -> Array:
         """The next frame, as Field.render(). Draws coarser levels where tiles are not loaded."""
         display = check_dtype(dtype) == np.uint8 or background is not None
-        colors, self.report = super().draw(camera, size, tone, display)
+        colors, self.report = super().drawn(camera, size, tone, display)
         return finished_picture(colors, dtype, background)
 
 

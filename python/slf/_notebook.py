@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import contextlib
 import html
 import importlib.util
 import json
@@ -150,6 +151,8 @@ class View:
 class Studio(_slf.Studio):
     """A page on which colours, light and cuts are chosen, at a URL. Made by slf.studio(). A context
     manager."""
+
+    files: contextlib.ExitStack | None = None  # that it shows, if they are its own
 
     def __repr__(self) -> str:
         return f"<slf studio at {self.url}>"

@@ -355,7 +355,7 @@ void bind_fields(py::module_& module) {
   bind_closing(py::class_<OpenPlayer>(module, "Player"), close,
                "Ends the thread that loads tiles, and closes the file. A second call does nothing.")
       .def(py::init(&make_player))
-      .def("draw", draw)
+      .def("drawn", draw)
       .def("settle", settle, "Waits until all tiles are loaded that are being loaded.");
   module.def("verify", verify);
   module.def("png", png);

@@ -454,10 +454,12 @@ std::vector<Option> make_options() {
 
 }  // namespace
 
-std::span<const Option> options() {
-  static const std::vector<Option> all = make_options();
+std::vector<Option>& table() {
+  static std::vector<Option> all = make_options();
   return all;
 }
+
+std::span<const Option> options() { return table(); }
 
 const Option* find(std::string_view name) {
   const auto found = std::ranges::find(options(), name, &Option::name);

@@ -80,6 +80,8 @@ struct Option {
 
 /// All of them, in the order of --help. Static lifetime.
 [[nodiscard]] std::span<const Option> options();
+/// The same, for a test to add a row before anything reads it.
+[[nodiscard]] std::vector<Option>& table();
 /// The option of this name; null: none.
 [[nodiscard]] const Option* find(std::string_view name);
 

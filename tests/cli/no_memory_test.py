@@ -31,6 +31,10 @@ COMMANDS = [
     (["verify", "{}/jpeg.slf", "--fix"], ["jpeg.slf"]),
     (["diff", "{}/a.slf", "{}/zstd.slf"], []), (["ls", "{}/a.slf"], []),
     (["tile", "{}/a.slf", "0/7", "-o", "{}/t.png", "-f"], ["t.png"]),
+    (["raycast", "scene:balls", "-o", "{}/ray.png", "--size", "16", "-f"], ["ray.png"]),
+    (["compare", "{}/two.png", "{}/two.png"], []),
+    (["evaluate", "{}/a.slf", "--volume", "scene:balls", "--views", "1", "--size", "16"], []),
+    (["play", "{}/a.slf", "--seconds", "0.1", "--fps", "10", "--size", "16"], None),
     (["measure", "{}/a.slf", "--views", "2", "--size", "16"], None),  # prints times
     (["transfer", "--list"], []), (["cameras", "scene:balls", "-o", "{}/c.json", "-f"], ["c.json"]),
     (["export", "{}/a.slf", "-o", "{}/page.html", "-f"], ["page.html"]),
@@ -103,6 +107,8 @@ def main():
                                ["1", "--shard", "1/2"], ["2", "--shard", "2/2"]):
             subprocess.run([a.slf, "-q", "build", "scene:balls", "-o", place / (name + ".slf"),
                             *SHAPE, *options], check=True)
+        subprocess.run([a.slf, "-q", "render", place / "a.slf", "-o", place / "two.png", "--size",
+                        "32"], check=True)
         runs = Runs(a.slf, a.library, place)
         for arguments, written in COMMANDS:
             if arguments[0].startswith(a.only):

@@ -110,6 +110,24 @@ TEST_F(RepackCli, AnExistingOutputIsKeptUnlessForced) {
   EXPECT_EQ(place.files(), Names{"out.slf"});
 }
 
+TEST_F(RepackCli, FixingWithLittleAddressSpaceLosesNothing) {
+  if (testing::kSanitized) GTEST_SKIP() << "sanitizers need more address space";
+  Workplace place;
+  const std::string file = place / "deep.slf";
+  ASSERT_EQ(slf({"build", "scene:balls", "-o", file, "--entry", "1", "--exit", "2",
+                 "--finest-level", "4", "--shard", "1/256"})
+                .exit_code,
+            0);
+  const std::string before = read_text(file);
+  for (const char* kilobytes : {"40000", "80000", "150000"}) {
+    const Outcome fixed =
+        slf({"verify", file, "--fix"}, "ulimit -v " + std::string(kilobytes) + ";");
+    EXPECT_TRUE(fixed.exit_code == 0 || fixed.exit_code == 4 || fixed.exit_code == 127)
+        << kilobytes << fixed.err;
+    EXPECT_TRUE(read_text(file) == before) << kilobytes;
+  }
+}
+
 TEST_F(RepackCli, AFullDiskLeavesNothing) {
   Workplace place;
   const std::string before = read_text(field());

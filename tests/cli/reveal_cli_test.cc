@@ -235,10 +235,9 @@ TEST_F(RevealCli, EachStateIsCutInItsOwnColours) {
       << R"({"states": [{"name": "one"}, {"name": "two", "transfer": "u.json"}]})";
   ASSERT_EQ(slf(build("a.slf", {"--reveal", "--states", place / "s.json"})).exit_code, 0);
   for (const char* state : {"one", "two"}) {
-    const auto quality =
-        slf({"evaluate", place / "a.slf", "--state", state, "--volume", place / "ball.raw",
-             "--dims", "24x24x24", "--views", "2", "--size", "24", "--clip", "12,12,12,1,0,0",
-             "--cap", "shaded", "--json"});
+    const auto quality = slf({"evaluate", place / "a.slf", "--state", state, "--volume",
+                              place / "ball.raw", "--dims", "24x24x24", "--views", "2", "--size",
+                              "24", "--clip", "12,12,12,1,0,0", "--cap", "shaded", "--json"});
     ASSERT_EQ(quality.exit_code, 0) << quality.err;
     EXPECT_GT(quality.json()["psnr"].get<double>(), 24) << state;
   }

@@ -10,6 +10,7 @@
 #include "base/file.h"
 #include "slf/merge.h"
 #include "slf/repack.h"
+#include "slf/reveal.h"
 #include "slf/verify.h"
 #include "storage/tile_writer.h"
 #include "tests/field/field_testing.h"
@@ -70,6 +71,23 @@ void merge_shards(const std::string& folder) {
   }
   EXPECT_TRUE(merge_fields(parts, folder + "/whole.slf", {}));
   note_done();
+}
+
+void join_and_reveal(const std::string& folder) {
+  build(folder + "/a.slf", options_of());
+  const Field field = Field::open(folder + "/a.slf").value();
+  RepackOptions options;
+  options.threads = 1;
+  const std::vector<StateSource> states{{"one", field}, {"two", field}};
+  EXPECT_TRUE(join_states(states, folder + "/joined.slf", options));
+  note_done();
+  for (const std::uint32_t side : {16, 40}) {
+    Reveal reveal{.dims = {side, side, side}, .voxels = Bytes(side * side * side)};
+    for (std::size_t k = 0; k < reveal.voxels.size(); ++k)
+      reveal.voxels[k] = static_cast<std::byte>(k * k >> 9);
+    EXPECT_TRUE(set_reveal(folder + "/joined.slf", *encode(reveal, 1)));
+    note_done();
+  }
 }
 
 void fix_and_fill(const std::string& folder) {
@@ -294,8 +312,8 @@ class Recorded {
 TEST(Power, CutsDamageNothingAndEverySyncIsNeeded) {
   std::deque<Recorded> scenarios;
   std::set<const void*> sites;
-  for (const Scenario scenario :
-       {write_over, write_containers, fix_and_fill, edit, build_twice, repack_over, merge_shards}) {
+  for (const Scenario scenario : {write_over, write_containers, fix_and_fill, edit, build_twice,
+                                  repack_over, merge_shards, join_and_reveal}) {
     Recorded& recorded = scenarios.emplace_back(scenario);
     int images = 0;
     EXPECT_EQ(recorded.fault(nullptr, images), "") << "scenario " << scenarios.size();

@@ -13,9 +13,11 @@
 #include <thread>
 #include <utility>
 
+#include "field/field_file.h"
 #include "field/remote/curl_library.h"
 #include "slf/repack.h"
 #include "slf/verify.h"
+#include "storage/tile_writer.h"
 #include "tests/cli/cli_testing.h"
 #include "tests/remote/remote_testing.h"
 
@@ -170,6 +172,35 @@ TEST_F(RemoteTest, RepacksAndVerifies) {
   const auto repacked = repack_field(remote->field(), copy, RepackOptions());
   ASSERT_TRUE(repacked) << repacked.error().message;
   EXPECT_EQ(testing::all_tiles(*Field::open(copy)), testing::all_tiles(*Field::open(path())));
+  EXPECT_LT(host.requests(), 60u);
+}
+
+TEST_F(RemoteTest, RepacksStatesAsTheyAre) {
+  const auto whole = make_analytic_scene("balls");
+  const CutBalls cut;
+  const std::vector<FieldState> states{{"whole", whole->get()}, {"cut", &cut}};
+  BuildOptions options;
+  options.shape = Field::open(path())->shape();
+  options.shape.states = 1;
+  const std::string file = *folder_ / "lit.slf", copy = *folder_ / "lit-copy.slf";
+  ASSERT_TRUE(build_field(states, file, options));
+  {
+    auto writer = storage::TileWriter::resume(file);
+    ASSERT_TRUE(writer && writer->set_blob(kLightBlob, Bytes(20000, std::byte{7})));
+    ASSERT_TRUE(writer->close());
+  }
+  const HttpHost host(testing::read_text(file));
+  const auto remote = RemoteField::open(host.url());
+  ASSERT_TRUE(remote);
+  std::vector<StateSource> sources;
+  for (const char* name : {"whole", "cut"})
+    sources.push_back({name, *remote->field().in_state(name)});
+  const auto done = join_states(sources, copy, {});
+  ASSERT_TRUE(done) << done.error().message;
+  EXPECT_EQ(done->recoded, 0u);
+  EXPECT_EQ(Field::open(copy)->light()->size(), 20000u);
+  EXPECT_EQ(testing::all_tiles(*Field::open(copy)->in_state(1)),
+            testing::all_tiles(*Field::open(file)->in_state(1)));
   EXPECT_LT(host.requests(), 60u);
 }
 

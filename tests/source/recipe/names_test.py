@@ -31,9 +31,10 @@ def declared_again(names):
                 if found[1] in names:
                     yield f"python/slf/{path.name}: {found[1]}"
     for path in sorted((ROOT / "python/src").glob("*.cc")):
-        for found in re.finditer(r'\{"(\w+)", ', path.read_text()):
-            if found[1] in names:
-                yield f"python/src/{path.name}: {found[1]}"
+        for keywords in re.findall(r"\bread\(given,(.*?)\);", path.read_text(), re.DOTALL):
+            for name in re.findall(r'"(\w+)"', keywords):
+                if name in names - OF_FIELDS:
+                    yield f"python/src/{path.name}: {name}"
 
 
 def main():

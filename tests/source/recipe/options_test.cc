@@ -127,20 +127,6 @@ TEST(Options, WhatDoesNotApplyToASourceIsRefused) {
     }
 }
 
-TEST(Options, ARowAddedIsInSchemaAndPython) {
-  std::vector<Option> more(options().begin(), options().end());
-  Option extra = *find("step");
-  extra.name = "sharpness";
-  extra.help = "Of everything";
-  more.push_back(extra);
-  const json members = schema(more)["properties"];
-  EXPECT_EQ(members["sharpness"]["description"], "Of everything");
-  EXPECT_EQ(members["sharpness"]["type"], "number");
-  EXPECT_TRUE(members["states"]["items"]["properties"].contains("sharpness"));
-  EXPECT_THAT(python_settings(more), HasSubstr("    sharpness: float | None\n"
-                                               "    \"\"\"Of everything.\"\"\"\n"));
-}
-
 TEST(RecipeFiles, PathsAreRelativeToTheRecipe) {
   const testing::TemporaryFolder folder;
   testing::write_text(folder / "r.json", R"({"input": "a.nii", "transfer": "ct-bone",
