@@ -8,6 +8,7 @@
 #include <webp/encode.h>
 #include <zstd.h>
 
+#include <algorithm>
 #include <cstdlib>
 #include <cstring>
 #include <memory>
@@ -226,6 +227,59 @@ Contender plain_zstd(const Field& field, int level) {
           [=](const Sample& sample, ByteSpan from, Bytes& to) {
             std::vector<std::uint8_t> rgb(mosaics.of(sample).pixels() * 3);
             ZSTD_decompress(rgb.data(), rgb.size(), from.data(), from.size());
+            mosaics.samples(sample, rgb.data(), to);
+          },
+          true};
+}
+
+/// Differences to the median of the left pixel, the one above, and the plane through both and the
+/// one between, in planes of green, red − green, blue − green; then zstd.
+Contender median_zstd(const Field& field, int level) {
+  const Mosaics mosaics{field};
+  using Pixels = std::vector<std::uint8_t>;
+  // Calls use(pixel, plane, prediction) in the order of a decoder; `at` has what came before.
+  const auto walk = [](std::size_t width, std::size_t pixels, const Pixels& at, auto use) {
+    for (std::size_t plane = 0; plane < 3; ++plane)
+      for (std::size_t k = 0; k < pixels; ++k) {
+        const bool first_row = k < width, first_column = k % width == 0;
+        const auto value = [&](std::size_t back) { return int{at[3 * (k - back) + plane]}; };
+        const int left = first_column ? (first_row ? 0 : value(width)) : value(1);
+        const int above = first_row ? left : value(width);
+        const int corner = first_row || first_column ? above : value(width + 1);
+        use(k, plane,
+            std::clamp(left + above - corner, std::min(left, above), std::max(left, above)));
+      }
+  };
+  return {"median zstd:" + std::to_string(level),
+          [=](const Sample& sample, Bytes& to) {
+            Pixels rgb = mosaics.rgb(sample);
+            const std::size_t pixels = rgb.size() / 3;
+            for (std::size_t k = 0; k < pixels; ++k) {  // green first, the others less green
+              const std::uint8_t green = rgb[3 * k + 1];
+              rgb[3 * k + 1] = static_cast<std::uint8_t>(rgb[3 * k] - green);
+              rgb[3 * k + 2] = static_cast<std::uint8_t>(rgb[3 * k + 2] - green);
+              rgb[3 * k] = green;
+            }
+            Pixels planes(rgb.size());
+            walk(mosaics.of(sample).width(), pixels, rgb, [&](std::size_t k, std::size_t plane, int guess) {
+              planes[plane * pixels + k] = static_cast<std::uint8_t>(rgb[3 * k + plane] - guess);
+            });
+            to.resize(ZSTD_compressBound(planes.size()));
+            to.resize(ZSTD_compress(to.data(), to.size(), planes.data(), planes.size(), level));
+          },
+          [=](const Sample& sample, ByteSpan from, Bytes& to) {
+            const std::size_t pixels = mosaics.of(sample).pixels();
+            Pixels planes(pixels * 3), rgb(pixels * 3);
+            ZSTD_decompress(planes.data(), planes.size(), from.data(), from.size());
+            walk(mosaics.of(sample).width(), pixels, rgb, [&](std::size_t k, std::size_t plane, int guess) {
+              rgb[3 * k + plane] = static_cast<std::uint8_t>(planes[plane * pixels + k] + guess);
+            });
+            for (std::size_t k = 0; k < pixels; ++k) {
+              const std::uint8_t green = rgb[3 * k];
+              rgb[3 * k] = static_cast<std::uint8_t>(rgb[3 * k + 1] + green);
+              rgb[3 * k + 2] = static_cast<std::uint8_t>(rgb[3 * k + 2] + green);
+              rgb[3 * k + 1] = green;
+            }
             mosaics.samples(sample, rgb.data(), to);
           },
           true};

@@ -37,5 +37,6 @@ struct Contender {
 [[nodiscard]] Contender webp(const Field& field, int effort);
 [[nodiscard]] Contender libjpeg(const Field& field, int quality, bool full_chroma);
 [[nodiscard]] Contender plain_zstd(const Field& field, int level);
+[[nodiscard]] Contender median_zstd(const Field& field, int level);
 
 }  // namespace slf::bench

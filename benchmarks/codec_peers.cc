@@ -191,7 +191,8 @@ int main(int argc, char** argv) {
   if (samples.empty()) stop("no stored tiles at that level");
 
   std::vector<Row> rows;
-  for (const Contender& peer : {png(*field), plain_zstd(*field, 19), webp(*field, 6)})
+  for (const Contender& peer : {png(*field), plain_zstd(*field, 19), median_zstd(*field, 3),
+                                median_zstd(*field, 19), webp(*field, 6)})
     rows.push_back(run(peer, samples));
   for (const bool full_chroma : {false, true})
     for (const int quality : {50, 60, 70, 75, 80, 85, 90, 95})

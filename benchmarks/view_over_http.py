@@ -60,7 +60,7 @@ Object.defineProperty(self, 'onmessage', {set(answer) {
   });
 }})"""
 # Runs before the page's own scripts.
-POSTER = """addEventListener('load', ({target}) => {
+POSTER = """document.addEventListener('load', ({target}) => {
   if (target.matches?.('[slot=poster] img'))
     requestAnimationFrame(() => { globalThis.poster ??= performance.now(); });
 }, true)"""
