@@ -110,6 +110,7 @@ std::vector<std::string> Caster::notes() {
 
 void Caster::pause(bool paused) {
   const std::lock_guard lock(mutex_);
+  if (paused_ == paused) return;
   paused_ = paused;
   cancel_ = cancel_ || paused;
   changed_.notify_all();
@@ -302,11 +303,12 @@ Result<std::shared_ptr<const Scene>> Caster::make(Stage stage, const std::string
   if (readings_.volumes.size() > kMaxReadings) readings_.volumes.erase(readings_.volumes.begin());
   std::shared_ptr<const Scene> made =
       SLF_TRY(guarded([&] { return recipe::scene_of(recipe, &readings_); }));
+  const bool reads = recipe::kind_of(recipe) == recipe::kVolume;
+  const auto read = reads ? recipe::volume_of(recipe, &readings_) : Volume();
   const std::lock_guard lock(mutex_);
   if (transfer.empty()) notes_ = std::move(notes);
-  volume_ = recipe.volume;
-  for (const recipe::Reading& reading : readings_.volumes)
-    if (reading.path == recipe.input) volume_ = std::make_shared<const Volume>(reading.volume);
+  if (reads && read && !(volume_ && volume_->borrowed == read->borrowed))  // else it is the same
+    volume_ = std::make_shared<const Volume>(*read);
   return made;
 }
 

@@ -57,8 +57,9 @@ std::set<std::string> files_of(const json& options) {
 Result<Draft> Draft::open(const Recipe& recipe, const StudioOptions& options) {
   Draft draft;
   draft.base = recipe;
-  const fs::path output = options.output;
+  const fs::path output = options.save.empty() ? options.output : options.save;
   draft.stem_ = (output.parent_path() / output.stem()).string();
+  if (draft.stem_.ends_with(".recipe")) draft.stem_.resize(draft.stem_.size() - 7);
   draft.recipe_path = options.save.empty() ? draft.stem_ + ".recipe.json" : options.save;
   draft.views_path = draft.stem_ + ".views.json";
   draft.path_ = draft.recipe_path + ".draft";

@@ -131,7 +131,7 @@ struct Studio::State {
   Clock::time_point kept_at{};
   std::uint64_t revision = 0;
   json author;  ///< the page that made this revision
-  std::vector<TransferPreset> known;
+  std::vector<TransferPreset> known{TransferPreset()};
   std::vector<std::string> fitted;  ///< JSON of presets for this volume
   json histogram;
   std::shared_ptr<const Volume> measured;  ///< that `histogram` and `fitted` are of
@@ -196,7 +196,6 @@ json Studio::State::progress() {
     out["error"] = outcome->error().message;
   else
     out.update({{"field", folder}, {"publish", publish()}});
-  caster.pause(false);
   return out;
 }
 
@@ -229,9 +228,10 @@ json Studio::State::state() {
     measured = volume;
     histogram = histogram_of(*volume);
     fitted.clear();
-    known = {{.function = default_transfer(*volume), .description = "What a volume begins with"}};
-    known.front().function.name = "automatic";
-    known.insert(known.end(), built_in_transfers().begin(), built_in_transfers().end());
+    if (known.size() == 1)
+      known.insert(known.end(), built_in_transfers().begin(), built_in_transfers().end());
+    known[0] = {.function = default_transfer(*volume), .description = "What a volume begins with"};
+    known[0].function.name = "automatic";
   }
   json all{{"name", fs::path(draft.base.input).filename().string()},
            {"kind", recipe::kind_of(draft.base)},
@@ -277,6 +277,7 @@ std::optional<Response> Studio::State::picture(const json& body) {
   const auto look = look_of(body);
   if (!look) return refusal("a camera was expected", 400);
   if (look->moving) forecaster.stop();
+  if (!builder.runs()) caster.pause(false);
   const bool same = body.value("revision", std::uint64_t{0}) == revision;
   const auto seen = static_cast<Stage>(same ? std::clamp(body.value("seen", 0), 0, 5) : 0);
   const auto drawn = caster.picture(body.value("page", std::uint64_t{0}), *look, seen);

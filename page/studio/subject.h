@@ -19,7 +19,7 @@ inline constexpr std::size_t kHistogramSteps = 256;
 /// The value of the voxel nearest to a point in world coordinates; null: outside.
 [[nodiscard]] nlohmann::json value_at(const Volume& volume, const glm::dvec3& world);
 
-/// The unit of values, whether world axes are the patient's, and the box of voxels' centres: its
+/// The unit of lengths, whether world axes are the patient's, and the box of voxels' centres: its
 /// first corner and its size.
 [[nodiscard]] nlohmann::json place_of(const Volume& volume);
 

@@ -341,13 +341,15 @@ export class Viewer {
     ++this.frames;
   }
 
-  // Draws a picture, which has fewer pixels where it would take longer. Resolves to whether no
-  // pixel lacks a tile.
+  // Draws a picture, which has fewer pixels where it would take longer, but no fewer than the one
+  // before of the same view. Resolves to whether no pixel lacks a tile.
   quickly(view, milliseconds) {
-    const {canvas, renderer} = this, time = renderer.cost * canvas.width * canvas.height;
-    const scale = Math.sqrt(milliseconds / (time || 4 * milliseconds));
-    return this.drawn(
-      renderer.draw({...view, stamp: undefined}, Math.min(1, Math.max(kMinScale, scale))));
+    const {canvas, renderer, version} = this, time = renderer.cost * canvas.width * canvas.height;
+    const least = this.scaled?.version === version ? this.scaled.scale : kMinScale;
+    const fits = Math.sqrt(milliseconds / (time || 4 * milliseconds));
+    const scale = Math.min(1, Math.max(least, fits));
+    this.scaled = {version, scale};
+    return this.drawn(renderer.draw({...view, stamp: undefined}, scale));
   }
   // Waits for what is being drawn. Nothing else may be drawn meanwhile.
   drawn(work) {

@@ -261,7 +261,8 @@ globalThis.right = document.getElementById('a') instanceof SlfField;""")
             page.wait("now('planes').childNodes.length > 0 && now('notes').childNodes.length > 0")
             self.assertEqual(page.run(shown), "picture")
             page.run("one().controls = null, 0")
-            self.assertEqual(page.run(shown), "picture,planes,notes,compass,scale,panel,views")
+            self.assertLessEqual({"picture", "planes", "notes", "compass", "panel", "views"},
+                                 set(page.run(shown).split(",")))
             # The cut is an attribute that may change.
             up, lower, pictures = "16,16,17,0,0,1", "16,16,10,0,0,1", []
             for planes in [[up], [lower], [lower, "16,16,16,1,0,0"], []]:

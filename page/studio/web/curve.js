@@ -173,6 +173,7 @@ export class Curve {
         field('number', short(p.value), 'Value', (text) => {
           p.value = number(text, p.value);
           this.points.sort((a, b) => a.value - b.value);
+          this.fit();
         }),
         field('number', short(p.opacity), 'Opacity', (text) => {
           p.opacity = Math.min(Math.max(number(text, p.opacity), 0), 1);

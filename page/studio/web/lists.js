@@ -92,8 +92,8 @@ export function showViews() {
     turned();
   }, removed(notes, k))));
   byId('notes').replaceChildren(...notes.map(({label}) => make('span', {textContent: label})));
-  for (const input of document.querySelectorAll('[data-about]'))
-    input.value = model.views.about?.[input.dataset.about] ?? '';
+  for (const input of about) input.value = model.views.about?.[input.dataset.about] ?? '';
+  about[0].oninput();
   placeNotes();
 }
 const inward = (point) => point.map((v, i) => (v - view.sphere[i]) / view.sphere[3]);
@@ -126,14 +126,21 @@ export async function tap(x, y) {
   changed();
   showViews();
 }
-for (const input of document.querySelectorAll('[data-about]'))
+// Nothing is said of a page without a title.
+const about = [...document.querySelectorAll('[data-about]')];
+about[0].oninput = () => {
+  for (const input of about.slice(1)) input.disabled = !about[0].value.trim();
+};
+for (const input of about)
   input.onchange = () => {
+    if (!input.reportValidity()) return;
     remember();
     const {views} = model;
     views.about = {...views.about, [input.dataset.about]: input.value.trim()};
     for (const [name, text] of Object.entries(views.about)) if (!text) delete views.about[name];
-    if (Object.keys(views.about).length === 0) delete views.about;
+    if (!views.about.title) delete views.about;
     changed();
+    showViews();
   };
 byId('addview').onclick = () => {
   remember();

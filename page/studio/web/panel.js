@@ -1,6 +1,6 @@
 // Colours, light, and the options that inputs state.
 
-import {add} from '../../web/camera.js';
+import {add, dot} from '../../web/camera.js';
 import {Curve} from './curve.js';
 import {camera} from './picture.js';
 import {load, merged, model, set} from './recipe.js';
@@ -11,7 +11,7 @@ const kPiece = 1 << 18;  // bytes of a picture that are sent at once
 // ---- colours ------------------------------------------------------------------------------------
 
 const curve = new Curve(byId('curve'), byId('points'), byId('add'), (fn, moving) => {
-  set('transfer', fn, moving);
+  set('transfer', fn, moving, ['range']);
   showEnds();
 });
 function showEnds() {
@@ -35,7 +35,7 @@ export function showPresets() {
     const button = make('button', {title: description}, image, make('span', {textContent: name}));
     button.onclick = () => {
       curve.show(fn, model.server.histogram);
-      set('transfer', fn);
+      set('transfer', fn, false, ['range']);
       showEnds();
     };
     return button;
@@ -105,12 +105,12 @@ const kInputs = {
   lighting: String, light_rig: String, projection: String, exposure: Number,
   environment_gain: Number, radius: Number, center: (text) => text.split(',').map(Number),
   crop: String, quality: String, finest_level: Number, codec: String};
-const kInstead = {quality: ['entry', 'exit', 'finest_level'], finest_level: ['quality']};
+const kInstead = {quality: ['entry', 'exit', 'finest_level'], finest_level: ['quality'],
+                  projection: ['lighting'], lighting: ['projection']};
 for (const [name, read] of Object.entries(kInputs)) {
   const input = byId(name);
   const update = (moving) => {
-    for (const other of kInstead[name] ?? []) delete model.recipe[other];
-    set(name, input.value.trim() === '' ? undefined : read(input.value), moving);
+    set(name, input.value.trim() === '' ? undefined : read(input.value), moving, kInstead[name]);
     if (kInstead[name]) showInputs();
   };
   if (input.type === 'range') input.oninput = () => update(true);
@@ -127,6 +127,12 @@ export function showInputs() {
   }
   byId('each_label').checked = Boolean(model.recipe.each_label);
   for (const id of ['surroundings', 'sky', 'gain']) byId(id).hidden = !values.environment;
+}
+// The ball shows where the light is, as the camera sees it.
+export function showLight() {
+  const to = merged().light ?? [0, 0, 0], length = Math.hypot(...to) || 1;
+  const {right, down} = camera.axes(1, 1);
+  showBall(dot(to, right) / length, dot(to, down) / length);
 }
 // REQUIRES: the server shows this recipe.
 export function showSurroundings() {
@@ -166,5 +172,4 @@ ball.onkeydown = (event) => {
   event.preventDefault();
   light(ball.at[0] + du, ball.at[1] + dv, false);
 };
-showBall(0, 0);
 

@@ -4,6 +4,7 @@
 import {found, getState, gone, page, post, retries, say} from './server.js';
 
 const kMaxUndo = 200;
+const kOfAll = ['center', 'radius', 'quality', 'finest_level', 'codec', 'each_label'];  // states
 
 // `current` is the state that is shown and edited; -1: the recipe itself. `server` is what the
 // server told. `views` is what --views takes.
@@ -24,12 +25,14 @@ const snapshot = () => {
   return JSON.stringify({recipe, states, views, current});
 };
 
-// Sets an option of what is edited; undefined: its default.
-export function set(name, value, moving = false) {
+// Sets an option of what is edited; undefined: its default, as that of those that it replaces.
+export function set(name, value, moving = false, replaced = []) {
   if (!moving || history.at(-1)?.moving !== name) remember(moving ? name : undefined);
-  const to = model.states[model.current] ?? model.recipe;
-  if (value === undefined && model.current < 0) delete to[name];
-  else to[name] = value ?? null;
+  const {recipe, states, current} = model;
+  const to = kOfAll.includes(name) ? recipe : states[current] ?? recipe;
+  for (const [key, now] of [...replaced.map((other) => [other]), [name, value]])
+    if (now === undefined && (to === recipe || !(key in recipe))) delete to[key];
+    else to[key] = now ?? null;
   changed(moving);
 }
 export function remember(moving) {

@@ -3,7 +3,7 @@
 
 import {follow, tellForecast, turnField} from './build.js';
 import {placeNotes, showLabels, showStates, showViews, tap} from './lists.js';
-import {showCurve, showInputs, showPresets, showSurroundings} from './panel.js';
+import {showCurve, showInputs, showLight, showPresets, showSurroundings} from './panel.js';
 import {again, camera, draw, listen, moved, then, view} from './picture.js';
 import {handles, showPlanes} from './planes.js';
 import {after, isSending, load, model, redo, undo} from './recipe.js';
@@ -15,6 +15,7 @@ after.loaded = () => {
   byId('name').textContent = byId('name').title = model.server.name;
   document.title = `${model.server.name} · slf studio`;
   showInputs();
+  showLight();
   showPlanes();
   showLabels();
   showStates();
@@ -26,6 +27,7 @@ after.loaded = () => {
 then.drawn = () => {
   handles.place();
   placeNotes();
+  showLight();
   turnField();
   if (!isSending()) showSurroundings();
 };
@@ -48,7 +50,7 @@ async function start() {
   view.serial = 1;
   moved();  // a small picture comes first
   if (model.server.restored) byId('said').textContent = 'Went on from the draft of last time.';
-  if (model.server.build && !model.server.build.field) follow();
+  if (model.server.build) follow();
   listen(tap);
   draw();
 }
