@@ -11,7 +11,7 @@ namespace {
 constexpr unsigned kPause = 500;  // microseconds
 
 std::atomic<unsigned> at_work{0}, forking{0}, torn{0};
-thread_local unsigned own = 0;  // of `at_work`
+thread_local unsigned own = 0;   // of `at_work`
 thread_local bool alone = true;  // no other thread was at work when this one forked
 
 // Once `at_work` was `own`, it exceeds it only for moments: who begins sees `forking` and waits.

@@ -2,7 +2,7 @@
 """Cuts through fields: what they lay open, beside ray-casting the volume with the same plane.
 
   benchmarks/cut.py NAME=VOLUME[:OPTION=VALUE...]... [--folder cut-benchmark] [--planes 5]
-      [--views 8] [--size 160] [--loss 0] [--built] [--sheet FILE.png] [--slf build/release/cli/slf]
+      [--views 8] [--size 160] [--reveal 192] [--loss 0] [--truth-samples N] [--built] [--sheet FILE.png] [--slf build/release/cli/slf]
       [-- BUILD-OPTION=VALUE...]
 
 as `brain=ch2bet.nii.gz:transfer=brain.json atlas=labels.nii.gz:labels=true`. Options are settings
@@ -12,7 +12,8 @@ to a quarter of the radius from it. A picture is exposed where the first hit wit
 plane is deeper than without it. For each cap it prints the PSNR of exposed pixels, pooled over the
 views of a plane, then of all pixels, each the mean over the planes; for the uncut field that of all
 pixels, and that of the copy ray-cast alone, without the field; and the time of a cut view over that
-of an uncut one, once tiles and light are there. With `--built`, also for a field that was built
+of an uncut one, once tiles and light are there. The light of the truth has noise of its own, less
+with more paths, `--truth-samples`. With `--built`, also for a field that was built
 with the plane. Needs slf for Python and numpy; a sheet of pictures needs Pillow.
 """
 
@@ -90,13 +91,16 @@ def seconds(draw):
 def run_case(name, volume, settings, build, options):
     folder = pathlib.Path(options.folder)
     lit = {} if settings.get("lighting") == "direct" else {"light_file": folder / f"{name}.light"}
-    field = slf.build(volume, folder / f"{name}.slf", reveal=192, reveal_loss=options.loss,
+    field = slf.build(volume, folder / f"{name}.slf", reveal=options.reveal, reveal_loss=options.loss,
                       **settings, **build, **lit)
     center, radius = field.sphere
     size = (options.size, options.size)
     cameras = [field.camera(slf.orbit(360 * k / options.views + 20, 50 * np.sin(2.4 * k), 3), size)
                for k in range(options.views)]
-    whole = [slf.raycast(volume, camera, size, depth=True, **settings, **lit)
+    finer = {"light_samples": options.truth_samples} if options.truth_samples else {}
+    if finer and lit:
+        lit = {"light_file": folder / f"{name}-truth.light"}
+    whole = [slf.raycast(volume, camera, size, depth=True, **settings, **lit, **finer)
              for camera in cameras]
     values, affine = field.reveal()
     said = subprocess.run([options.slf, "info", field.path, "--json"],
@@ -119,7 +123,8 @@ def run_case(name, volume, settings, build, options):
         built = options.built and slf.build(volume, folder / f"{name}-{number}.slf", **settings,
                                             **build, **own, **cut)
         for camera, before in zip(cameras, whole):
-            truth = slf.raycast(volume, camera, size, depth=True, **settings, **own, **cut)
+            truth = slf.raycast(volume, camera, size, depth=True, **settings, **own, **cut,
+                                **finer)
             hit = np.isfinite(truth.depth)
             exposed = hit & (truth.depth > before.depth + 0.01 * radius)
             row = [truth.rgba]
@@ -156,7 +161,9 @@ def main():
     parser.add_argument("--planes", type=int, default=5)
     parser.add_argument("--views", type=int, default=8)
     parser.add_argument("--size", type=int, default=160)
+    parser.add_argument("--reveal", type=int, default=192)
     parser.add_argument("--loss", type=int, default=0)
+    parser.add_argument("--truth-samples", type=int, help="paths of a node of the truth's light")
     parser.add_argument("--slf", default="slf", help="the command")
     parser.add_argument("--built", action="store_true")
     parser.add_argument("--sheet")

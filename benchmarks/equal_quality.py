@@ -66,7 +66,7 @@ def row(program, options, name, field, qualityof, truths, orbits):
     for k, orbit in enumerate(orbits):
         pictures.append(folder / f"{coded.stem}-{k}.png")
         run(options.after, "render", coded, "-o", pictures[-1], "-f", "--orbit", orbit, "--size",
-            options.size, "--mode", options.mode)
+            options.size, "--mode", options.mode, "--transparent")
     said = json.loads(run(options.after, "info", coded, "--json"))
     return {"payload": said["payload_bytes"], **quality(options.after, pictures, truths)}
 
@@ -93,7 +93,7 @@ def main():
         name, _, source = volume.partition("=")
         field = folder / f"{name}.slf"
         kept(field, lambda: run(options.before, "build", source, "-o", field, "--codec", "zstd",
-                                "--light-file", folder / f"{name}.light", *build))
+                                *build))
         recipe = list(build)
         for word in ("--entry", "--exit", "--levels"):
             if word in recipe:
@@ -102,7 +102,7 @@ def main():
                   for k in range(options.views)]
         for truth, orbit in zip(truths, orbits):
             kept(truth, lambda: run(options.after, "raycast", source, "-o", truth, "--orbit", orbit,
-                                    "--size", options.size, *recipe))
+                                    "--size", options.size, "--transparent", *recipe))
         after = {q: row(options.after, options, name, field, q, truths, orbits) for q in CURVE}
         curve = sorted((one["psnr"], np.log(one["payload"])) for one in after.values())
         for q in QUALITIES:
