@@ -2,8 +2,8 @@
 """Cuts through fields: what they lay open, beside ray-casting the volume with the same plane.
 
   benchmarks/cut.py NAME=VOLUME[:OPTION=VALUE...]... [--folder cut-benchmark] [--planes 5]
-      [--views 8] [--size 160] [--reveal 192] [--loss 0] [--truth-samples N] [--built] [--sheet FILE.png] [--slf build/release/cli/slf]
-      [-- BUILD-OPTION=VALUE...]
+      [--views 8] [--size 160] [--reveal 192] [--loss 0] [--truth-samples N]
+      [--built] [--sheet FILE.png] [--slf build/release/cli/slf] [-- BUILD-OPTION=VALUE...]
 
 as `brain=ch2bet.nii.gz:transfer=brain.json atlas=labels.nii.gz:labels=true`. Options are settings
 of slf.build(), as JSON or text. Each field has a reveal. The first five planes go through the
@@ -91,8 +91,9 @@ def seconds(draw):
 def run_case(name, volume, settings, build, options):
     folder = pathlib.Path(options.folder)
     lit = {} if settings.get("lighting") == "direct" else {"light_file": folder / f"{name}.light"}
-    field = slf.build(volume, folder / f"{name}.slf", reveal=options.reveal, reveal_loss=options.loss,
-                      **settings, **build, **lit)
+    field = slf.build(volume, folder / f"{name}.slf", reveal=options.reveal,
+                      reveal_loss=options.loss, **settings, **build, **lit)
+    field = slf.open(field.path, memory=1 << 30)  # large reveals need more than the default
     center, radius = field.sphere
     size = (options.size, options.size)
     cameras = [field.camera(slf.orbit(360 * k / options.views + 20, 50 * np.sin(2.4 * k), 3), size)
