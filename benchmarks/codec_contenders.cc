@@ -250,39 +250,42 @@ Contender median_zstd(const Field& field, int level) {
             std::clamp(left + above - corner, std::min(left, above), std::max(left, above)));
       }
   };
-  return {"median zstd:" + std::to_string(level),
-          [=](const Sample& sample, Bytes& to) {
-            Pixels rgb = mosaics.rgb(sample);
-            const std::size_t pixels = rgb.size() / 3;
-            for (std::size_t k = 0; k < pixels; ++k) {  // green first, the others less green
-              const std::uint8_t green = rgb[3 * k + 1];
-              rgb[3 * k + 1] = static_cast<std::uint8_t>(rgb[3 * k] - green);
-              rgb[3 * k + 2] = static_cast<std::uint8_t>(rgb[3 * k + 2] - green);
-              rgb[3 * k] = green;
-            }
-            Pixels planes(rgb.size());
-            walk(mosaics.of(sample).width(), pixels, rgb, [&](std::size_t k, std::size_t plane, int guess) {
-              planes[plane * pixels + k] = static_cast<std::uint8_t>(rgb[3 * k + plane] - guess);
-            });
-            to.resize(ZSTD_compressBound(planes.size()));
-            to.resize(ZSTD_compress(to.data(), to.size(), planes.data(), planes.size(), level));
-          },
-          [=](const Sample& sample, ByteSpan from, Bytes& to) {
-            const std::size_t pixels = mosaics.of(sample).pixels();
-            Pixels planes(pixels * 3), rgb(pixels * 3);
-            ZSTD_decompress(planes.data(), planes.size(), from.data(), from.size());
-            walk(mosaics.of(sample).width(), pixels, rgb, [&](std::size_t k, std::size_t plane, int guess) {
-              rgb[3 * k + plane] = static_cast<std::uint8_t>(planes[plane * pixels + k] + guess);
-            });
-            for (std::size_t k = 0; k < pixels; ++k) {
-              const std::uint8_t green = rgb[3 * k];
-              rgb[3 * k] = static_cast<std::uint8_t>(rgb[3 * k + 1] + green);
-              rgb[3 * k + 2] = static_cast<std::uint8_t>(rgb[3 * k + 2] + green);
-              rgb[3 * k + 1] = green;
-            }
-            mosaics.samples(sample, rgb.data(), to);
-          },
-          true};
+  return {
+      "median zstd:" + std::to_string(level),
+      [=](const Sample& sample, Bytes& to) {
+        Pixels rgb = mosaics.rgb(sample);
+        const std::size_t pixels = rgb.size() / 3;
+        for (std::size_t k = 0; k < pixels; ++k) {  // green first, the others less green
+          const std::uint8_t green = rgb[3 * k + 1];
+          rgb[3 * k + 1] = static_cast<std::uint8_t>(rgb[3 * k] - green);
+          rgb[3 * k + 2] = static_cast<std::uint8_t>(rgb[3 * k + 2] - green);
+          rgb[3 * k] = green;
+        }
+        Pixels planes(rgb.size());
+        walk(mosaics.of(sample).width(), pixels, rgb,
+             [&](std::size_t k, std::size_t plane, int guess) {
+               planes[plane * pixels + k] = static_cast<std::uint8_t>(rgb[3 * k + plane] - guess);
+             });
+        to.resize(ZSTD_compressBound(planes.size()));
+        to.resize(ZSTD_compress(to.data(), to.size(), planes.data(), planes.size(), level));
+      },
+      [=](const Sample& sample, ByteSpan from, Bytes& to) {
+        const std::size_t pixels = mosaics.of(sample).pixels();
+        Pixels planes(pixels * 3), rgb(pixels * 3);
+        ZSTD_decompress(planes.data(), planes.size(), from.data(), from.size());
+        walk(mosaics.of(sample).width(), pixels, rgb,
+             [&](std::size_t k, std::size_t plane, int guess) {
+               rgb[3 * k + plane] = static_cast<std::uint8_t>(planes[plane * pixels + k] + guess);
+             });
+        for (std::size_t k = 0; k < pixels; ++k) {
+          const std::uint8_t green = rgb[3 * k];
+          rgb[3 * k] = static_cast<std::uint8_t>(rgb[3 * k + 1] + green);
+          rgb[3 * k + 2] = static_cast<std::uint8_t>(rgb[3 * k + 2] + green);
+          rgb[3 * k + 1] = green;
+        }
+        mosaics.samples(sample, rgb.data(), to);
+      },
+      true};
 }
 
 }  // namespace slf::bench
