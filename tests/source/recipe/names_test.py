@@ -16,6 +16,8 @@ ROOT = pathlib.Path(__file__).resolve().parents[3]
 
 # Options of repack, which are of a field that exists, have names of their own meaning.
 OF_FIELDS = {"codec", "depth", "color_type", "levels", "light", "center", "radius", "reveal"}
+# Keywords of Python: planes that cut a view, and what of a field is copied.
+OF_CALLS = OF_FIELDS | {"clip", "finest_level"}
 
 
 def declared_again(names):
@@ -33,7 +35,7 @@ def declared_again(names):
     for path in sorted((ROOT / "python/src").glob("*.cc")):
         for keywords in re.findall(r"\bread\(given,(.*?)\);", path.read_text(), re.DOTALL):
             for name in re.findall(r'"(\w+)"', keywords):
-                if name in names - OF_FIELDS:
+                if name in names - OF_CALLS:
                     yield f"python/src/{path.name}: {name}"
 
 
