@@ -18,11 +18,8 @@ thread_local bool alone = true;  // no other thread was at work when this one fo
 // So it is looked at here, not in the child, whose copy may be of such a moment.
 void begin_fork() {
   ++forking;
-  alone = at_work <= own;
-  for (unsigned waited = 0; !alone && waited < 1000000; waited += kPause) {
+  for (unsigned waited = 0; !(alone = at_work <= own) && waited < 1000000; waited += kPause)
     usleep(kPause);
-    alone = at_work <= own;
-  }
 }
 
 void end_in_parent() { --forking; }

@@ -23,7 +23,7 @@ sys.path.insert(0, os.path.join(ROOT, "tests", "page"))
 
 from browser import Browser
 
-# Changes something in each frame for three seconds: frames a second, and their mean share of pixels.
+# Changes something in each frame for three seconds: frames a second, their mean share of pixels.
 MOVES = """(async (change) => {
   const shown = [], begin = performance.now();
   let last = slf.scaled;

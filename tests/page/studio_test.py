@@ -191,11 +191,7 @@ class StudioTest(unittest.TestCase):
             self.fine(page)
             page.call("Input.dispatchKeyEvent", type="keyDown", key="r")
             self.fine(page)
-            self.canvas(page, "shown.png")
-            size = page.run("['width', 'height'].map((side) =>"
-                            " document.getElementById('picture')[side]).join('x')")
-            page.run("document.getElementById('save').click()")
-            page.wait("document.getElementById('said').textContent.startsWith('Saved')")
+            size = self.kept(page)
             slf("raycast", path("ball.recipe.json"), "-o", path("cast.png"), "--size", size)
             self.assertIn("inf", slf("compare", path("shown.png"), path("cast.png")))
 
@@ -819,11 +815,7 @@ class StudioTest(unittest.TestCase):
             page.run("document.getElementById('picture').focus()")
             page.call("Input.dispatchKeyEvent", type="keyDown", key="r")
             self.fine(page)
-            self.canvas(page, "shown.png")
-            size = page.run("['width', 'height'].map((side) =>"
-                            " document.getElementById('picture')[side]).join('x')")
-            page.run("document.getElementById('save').click()")
-            page.wait("document.getElementById('said').textContent.startsWith('Saved')")
+            size = self.kept(page)
             page.close()
         slf("raycast", path("ball.recipe.json"), "-o", path("cast.png"), "--size", size)
         self.assertIn("inf", slf("compare", path("shown.png"), path("cast.png")))
@@ -852,13 +844,18 @@ class StudioTest(unittest.TestCase):
                                  name == "balls")
                 if name == "slices":
                     self.assertEqual(sum(studio.state()["histogram"]["counts"]), math.prod(DIMS))
-                self.canvas(page, "shown.png")
-                size = page.run("['width', 'height'].map((side) =>"
-                                " document.getElementById('picture')[side]).join('x')")
-                self.assertEqual(studio.ask("save", {})[0], 200)
+                size = self.kept(page)
                 page.close()
             slf("raycast", path(f"{name}.recipe.json"), "-o", path(f"{name}.png"), "--size", size)
             self.assertIn("inf", slf("compare", path("shown.png"), path(f"{name}.png")))
+
+    def kept(self, page):
+        """Keeps the picture that is shown, and saves its recipe. The picture's size."""
+        self.canvas(page, "shown.png")
+        page.run("document.getElementById('save').click()")
+        page.wait("document.getElementById('said').textContent.startsWith('Saved')")
+        return page.run("['width', 'height'].map((side) =>"
+                        " document.getElementById('picture')[side]).join('x')")
 
     def make_atlas(self):
         middle = [(d - 1) / 2 for d in DIMS]

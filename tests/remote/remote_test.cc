@@ -88,16 +88,21 @@ class CutBalls final : public Scene {
   std::unique_ptr<Scene> all_ = std::move(*make_analytic_scene("balls"));
 };
 
-TEST_F(RemoteTest, DrawsAState) {
+/// Builds a field of two states, "whole" and "cut", of the shape of another but its levels.
+void build_states(const std::string& file, FieldShape shape, unsigned levels) {
   const auto whole = make_analytic_scene("balls");
   const CutBalls cut;
   const std::vector<FieldState> states{{"whole", whole->get()}, {"cut", &cut}};
   BuildOptions options;
-  options.shape = Field::open(path())->shape();
+  options.shape = std::move(shape);
   options.shape.states = 1;
-  options.shape.levels = 2;
-  const std::string file = *folder_ / "states.slf";
+  options.shape.levels = levels;
   ASSERT_TRUE(build_field(states, file, options));
+}
+
+TEST_F(RemoteTest, DrawsAState) {
+  const std::string file = *folder_ / "states.slf";
+  build_states(file, Field::open(path())->shape(), 2);
   const HttpHost host(testing::read_text(file));
   const auto remote = RemoteField::open(host.url());
   ASSERT_TRUE(remote) << remote.error().message;
@@ -176,14 +181,8 @@ TEST_F(RemoteTest, RepacksAndVerifies) {
 }
 
 TEST_F(RemoteTest, RepacksStatesAsTheyAre) {
-  const auto whole = make_analytic_scene("balls");
-  const CutBalls cut;
-  const std::vector<FieldState> states{{"whole", whole->get()}, {"cut", &cut}};
-  BuildOptions options;
-  options.shape = Field::open(path())->shape();
-  options.shape.states = 1;
   const std::string file = *folder_ / "lit.slf", copy = *folder_ / "lit-copy.slf";
-  ASSERT_TRUE(build_field(states, file, options));
+  build_states(file, Field::open(path())->shape(), 1);
   {
     auto writer = storage::TileWriter::resume(file);
     ASSERT_TRUE(writer && writer->set_blob(kLightBlob, Bytes(20000, std::byte{7})));
