@@ -215,6 +215,8 @@ struct VolumeInfo {
            "coordinate system: LPS if the file states the patient's axes",
            R"("enum": ["LPS", "xyz"])");
     member("unit", volume.unit, "of world coordinates, as mm; empty if the file does not state it");
+    member("value_unit", volume.value_unit,
+           "of values, as HU; empty if the file does not state it");
     member("slope", volume.slope, "value = slope × voxel + intercept");
     member("intercept", volume.intercept, "value = slope × voxel + intercept");
     member("range", range, "least and largest value", R"("items": {"type": ["number", "null"]})");
@@ -243,7 +245,7 @@ void print_volume(const Volume& volume) {
   print("dims    {}x{}x{} {}{}\n", volume.dims[0], volume.dims[1], volume.dims[2],
         name(volume.type), volume.labels ? " labels" : "");
   print("spacing {}{}\n", vec(volume.spacing()), spaced(volume.unit));
-  print("range   {:.6g} to {:.6g}\n", range[0], range[1]);
+  print("range   {:.6g} to {:.6g}{}\n", range[0], range[1], spaced(volume.value_unit));
   print("origin  {}  (world coordinates are {})\n", vec(volume.origin),
         volume.patient_axes ? "LPS" : "x, y, z: the file states no patient's axes");
   for (int axis = 0; axis < 3; ++axis)

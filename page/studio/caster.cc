@@ -140,7 +140,9 @@ std::optional<glm::dvec3> Caster::meet(const Look& look, double x, double y) {
   return glm::mix(from, to, static_cast<double>(sample.depth));
 }
 
-/// What to draw next: pages in motion first, then the poorest picture of the newest page.
+/// What to draw next: pages in motion first, then the poorest picture of the newest page. Small
+/// pictures are drawn even when paused: a browser has six connections, which waiting ones would use
+/// up, and hear nothing else.
 std::optional<Caster::Job> Caster::next() const {
   if (revision_ == 0) return std::nullopt;
   const Page* best = nullptr;
@@ -148,7 +150,7 @@ std::optional<Caster::Job> Caster::next() const {
   Stage stage = Stage::none;
   for (const auto& [id, page] : pages_) {
     const bool current = page.drawn.revision == revision_ && page.drawn.serial == page.look.serial;
-    if (page.look.serial == 0 || !page.waits() || (current && page.drawn.last)) continue;
+    if (paused_ || page.look.serial == 0 || !page.waits() || (current && page.drawn.last)) continue;
     if (best && page.asked < best->asked) continue;
     best = &page, number = id;
     stage = page.look.moving ? Stage::moving
@@ -165,7 +167,7 @@ std::optional<Caster::Job> Caster::next() const {
 void Caster::work() {
   std::unique_lock lock(mutex_);
   while (!stop_) {
-    const auto job = paused_ ? std::nullopt : next();
+    const auto job = next();
     const auto waits = [](const auto& one) { return one.second.waits(); };
     const auto moves = [](const auto& one) { return one.second.waits() && one.second.look.moving; };
     const bool prepares = !job && !paused_ && revision_ > 0 && !prepared_ &&

@@ -46,6 +46,7 @@ nlohmann::json place_of(const Volume& volume) {
       volume.axes * (glm::dvec3(volume.dims[0], volume.dims[1], volume.dims[2]) - 1.0);
   const glm::dvec3& at = volume.origin;
   return {{"unit", volume.unit},
+          {"value_unit", volume.value_unit},
           {"patient", volume.patient_axes},
           {"box", {at.x, at.y, at.z, size.x, size.y, size.z}}};
 }

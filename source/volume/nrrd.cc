@@ -457,6 +457,8 @@ Result<Volume> read_nrrd(const std::string& path, std::string_view head,
     names.emplace(trim(word, "\""));
   if (names.size() == 1 && micrometres(*names.begin())) volume.unit = *names.begin();
 
+  if (const auto* unit = header.find("sampleunits")) volume.value_unit = trim(*unit, " \"");
+
   SLF_TRY(locate(header, all_axes, volume, data));
   SLF_TRY(read_voxels(data, volume));
   return volume;

@@ -655,6 +655,12 @@ class StudioTest(unittest.TestCase):
             page.run("document.getElementById('build').click()")
             page.wait("document.getElementById('progress').value > 0")
             page.close()
+            # Small pictures come meanwhile: six that wait would use up a browser's connections.
+            text = json.dumps([{"Name": "one", "RGBPoints": [100, 1, 0, 0, 200, 1, 1, 0],
+                                "Points": [100, 0, 0.5, 0, 200, 0.3, 0.5, 0]}])
+            first = json.loads(studio.ask("presets", {"name": "one.json", "text": text})[1])["first"]
+            self.assertEqual(studio.ask(f"preset/{first}")[0], 200)
+            self.assertNotIn("field", studio.state()["build"])
             other.run("document.getElementById('picture').focus()")
             other.call("Input.dispatchKeyEvent", type="keyDown", key="ArrowLeft")
             self.fine(other)  # after the build, of which nothing told it

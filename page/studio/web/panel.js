@@ -16,8 +16,9 @@ const curve = new Curve(byId('curve'), byId('points'), byId('add'), (fn, moving)
 });
 function showEnds() {
   const n = (v) => Number(v.toPrecision(5));
+  const high = `${n(curve.high)} ${model.server.value_unit}`;
   byId('ends').replaceChildren(make('span', {textContent: n(curve.low)}),
-                               make('span', {textContent: n(curve.high)}));
+                               make('span', {textContent: high}));
   byId('low').value = n(curve.points[0].value);
   byId('high').value = n(curve.points.at(-1).value);
 }

@@ -109,7 +109,7 @@ picture.addEventListener('pointermove', async (event) => {
   const {position, value} = await point(event.offsetX, event.offsetY);
   const n = (v) => Number(v.toPrecision(4));
   byId('under').textContent = !position ? ''
-    : (value === undefined || value === null ? '' : `${n(value)} at `) +
+    : (value === undefined || value === null ? '' : `${n(value)} ${model.server.value_unit} at `) +
       `${position.map(n).join(', ')} ${model.server.unit ?? ''}`;
   await sleep(60);
   pointing = false;

@@ -76,6 +76,7 @@ enum Tag : DicomTag {
   kPixelRepresentation = 0x00280103,
   kRescaleIntercept = 0x00281052,
   kRescaleSlope = 0x00281053,
+  kRescaleType = 0x00281054,
   kModalityLut = 0x00283000,
   kLutDescriptor = 0x00283002,
   kLutData = 0x00283006,
@@ -87,6 +88,8 @@ enum Tag : DicomTag {
   kSegmentNumber = 0x00620004,
   kReferencedSegment = 0x0062000b,
   kFrameOffsets = 0x3004000c,
+  kUnits = 0x00541001,  // of PET
+  kDoseUnits = 0x30040002,
   kDoseScale = 0x3004000e,
   kSharedGroups = 0x52009229,
   kFrameGroups = 0x52009230,
@@ -294,6 +297,11 @@ void read_scale(const DicomLookup& values, DicomSlice& slice) {
   if (const auto slope = values.number(kRescaleSlope); slope && *slope != 0) slice.slope = *slope;
   if (const auto dose = values.number(kDoseScale); dose && *dose != 0) slice.slope = *dose;
   if (const auto intercept = values.number(kRescaleIntercept)) slice.intercept = *intercept;
+  for (const DicomTag tag : {kRescaleType, kUnits, kDoseUnits})
+    if (slice.value_unit.empty()) slice.value_unit = values.text(tag);
+  // Of a CT that says nothing, PS 3.3 C.8.2.1.1.6; US is "unspecified".
+  if (slice.value_unit.empty() && slice.modality == "CT") slice.value_unit = "HU";
+  if (slice.value_unit == "US") slice.value_unit.clear();
 }
 
 /// Which dimensions of a multi-frame file are not places in space.

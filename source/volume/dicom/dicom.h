@@ -72,6 +72,7 @@ struct DicomSlice {
   std::optional<double> location{};          ///< SliceLocation
   double stated_gap = 0;                     ///< SpacingBetweenSlices; 0: not stated
   double slope = 1, intercept = 0;
+  std::string value_unit{};  ///< of values; empty: not stated
   std::uint32_t width = 0, height = 0;
   ScalarType type = ScalarType::u8;  ///< of a sample as stored
   unsigned bits_stored = 8, high_bit = 7;

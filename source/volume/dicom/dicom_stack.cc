@@ -243,6 +243,7 @@ Result<Volume> read_dicom_stack(const std::string& source, const DicomStack& sta
       SLF_TRY(sparse ? grid_of_planes(slices, source) : plane_of_each(slices, options, volume));
   SLF_TRY(place_in(grid, first, volume));
   volume.unit = "mm";
+  volume.value_unit = first.value_unit;
 
   const bool uniform = std::ranges::all_of(slices, [&](const DicomSlice& s) {
     return s.slope == first.slope && s.intercept == first.intercept;

@@ -120,6 +120,23 @@ TEST(DicomColors, PalettesAreLookedUp) {
   }
 }
 
+TEST(DicomValues, TheirUnitIsWhatTheFileSays) {
+  const Folder folder;
+  const auto unit = [&](const std::string& modality, std::uint32_t tag, const std::string& stated) {
+    auto slice = small_slice(0);
+    slice[0x00080060] = text("CS", modality);
+    if (tag) slice[tag] = text("CS", stated);
+    return expect_read(folder.write("a.dcm", write_dicom(slice)), {.spacing = glm::dvec3(1)})
+        .value_unit;
+  };
+  EXPECT_EQ(unit("CT", 0, ""), "HU");
+  EXPECT_EQ(unit("CT", 0x00281054, "US"), "");  // "unspecified"
+  EXPECT_EQ(unit("CT", 0x00281054, "MGML"), "MGML");
+  EXPECT_EQ(unit("PT", 0x00541001, "BQML"), "BQML");
+  EXPECT_EQ(unit("RTDOSE", 0x30040002, "GY"), "GY");
+  EXPECT_EQ(unit("MR", 0, ""), "");
+}
+
 TEST(DicomValues, ModalityTablesGiveValues) {
   for (const char* sop : {"1.2.840.10008.5.1.4.1.1.1", "1.2.840.10008.5.1.4.1.1.12.1"}) {
     const Folder folder;

@@ -91,6 +91,12 @@ TEST_F(VolumeLists, UnitsHaveManyNames) {
   EXPECT_EQ(expect_read(meta(last, "HeaderSize = 2\nDistanceUnits = ?\n")).unit, "");
 }
 
+TEST_F(VolumeLists, ValuesHaveTheUnitOfTheSamples) {
+  const std::string last = "s/%d.raw 7 9 1\n", skip = "byte skip: 2\n";
+  EXPECT_EQ(expect_read(nhdr(last, skip + "sample units: \"HU\"\n")).value_unit, "HU");
+  EXPECT_EQ(expect_read(nhdr(last, skip)).value_unit, "");
+}
+
 TEST_F(VolumeLists, NumbersMayRunBackwardsAndHaveZeros) {
   const std::string phantom = phantom_bytes(ScalarType::i16, true);
   for (std::size_t k = 0; k < 3; ++k)
