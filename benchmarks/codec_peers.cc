@@ -185,7 +185,7 @@ int main(int argc, char** argv) {
   const std::optional<Field> field = expect(Field::open(path));
   if (!field->file().codec().lossless()) stop("the field's colour has lost what is measured here");
   if (is_half(field->format())) stop("the field's colour does not have 8 bits");
-  const unsigned at = level < 0 ? field->shape().levels : static_cast<unsigned>(level);
+  const unsigned at = level < 0 ? field->shape().finest_level : static_cast<unsigned>(level);
   const std::vector<Sample> samples = read_samples(
       *field, views > 0 ? touched_tiles(*field, at, views) : stored_tiles(*field, at), tiles);
   if (samples.empty()) stop("no stored tiles at that level");

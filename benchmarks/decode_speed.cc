@@ -26,7 +26,7 @@ int main(int argc, char** argv) {
   const int repeats = argc > 3 ? std::atoi(argv[3]) : 9;
   const Field field = bench::expect(Field::open(argv[1]));
   const FieldFile& file = field.file();
-  const auto finest = static_cast<std::uint8_t>(file.shape().levels);
+  const auto finest = static_cast<std::uint8_t>(file.shape().finest_level);
 
   std::vector<storage::TileRef> tiles;
   std::uint64_t stored = 0, bytes = 0;

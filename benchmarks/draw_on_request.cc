@@ -21,7 +21,7 @@ int main(int argc, char** argv) {
   const auto size = static_cast<std::uint32_t>(std::atoi(argv[2]));
   Renderer renderer(field, {});
   const Camera camera = orbit_camera(field.shape().sphere, 30, 20, 3, size, size);
-  const ViewOptions view{default_mode(field), field.shape().levels};
+  const ViewOptions view{default_mode(field), field.shape().finest_level};
   while (std::getchar() != EOF) {
     bench::Times times;
     times.run([&] { expect(renderer.render(camera, view)); });

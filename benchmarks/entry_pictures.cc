@@ -70,7 +70,9 @@ std::vector<LatticeVertex> entry_path(std::int32_t n) {
 class Reader {
  public:
   explicit Reader(const Field& field)
-      : field_(field), level_(field.shape().levels), geometry_(field.file().geometry(level_)) {
+      : field_(field),
+        level_(field.shape().finest_level),
+        geometry_(field.file().geometry(level_)) {
     if (is_half(field.format())) bench::stop("expected a field with 8-bit colour");
   }
 
@@ -163,7 +165,7 @@ void recolor(const FieldFile& field, TileKey key, const Pictures& pictures, Byte
 void write_recolored(const Field& field, const std::string& pictures_path,
                      const std::string& path) {
   const FieldFile& file = field.file();
-  const unsigned finest = file.shape().levels;
+  const unsigned finest = file.shape().finest_level;
   const Pictures pictures(pictures_path, file.geometry(finest));
   auto writer = expect(FieldWriter::create(expect(FieldOutput::at(path, Existing::replace, {})),
                                            FieldWriter::Draft::discard, file.manifest(),
@@ -202,7 +204,7 @@ int main(int argc, char** argv) {
     return 0;
   }
   Reader reader(field);
-  const auto& geometry = field.file().geometry(field.shape().levels);
+  const auto& geometry = field.file().geometry(field.shape().finest_level);
   const std::int32_t n = geometry.exit_resolution();
   const auto edge = static_cast<std::size_t>(2 * n + 1);
   const auto entries = entry_path(geometry.entry_resolution());

@@ -32,7 +32,7 @@ Manifest manifest_of(const Settings& settings) {
   Manifest manifest;
   FieldShape& shape = manifest.shape;
   shape.sphere.radius = 1;
-  shape.levels = settings.levels;
+  shape.finest_level = settings.levels;
   shape.entry_side = settings.entry, shape.exit_side = settings.exit;
   for (std::uint8_t k = 0; settings.subfields < 64 && k < settings.subfields; ++k)
     shape.subfields.push_back(k);

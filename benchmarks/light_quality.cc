@@ -261,7 +261,7 @@ nlohmann::json compare_field(const std::string& path, const std::vector<Camera>&
   const LightOptions lighting = raycast_options(field.provenance()).lighting;
   const ToneMapper map(lighting.linear ? ToneMapping{} : ToneMapping{0, ToneCurve::none});
   Renderer renderer(field, {});
-  const ViewOptions options{default_mode(field), field.shape().levels};
+  const ViewOptions options{default_mode(field), field.shape().finest_level};
   double error = 0, noise = 0, seconds = 0;
   const auto share = 1 / static_cast<double>(cameras.size());
   for (std::size_t v = 0; v < cameras.size(); ++v) {

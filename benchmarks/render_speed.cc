@@ -161,7 +161,7 @@ int main(int argc, char** argv) {
   }
   const auto size = static_cast<std::uint32_t>(argc > 2 ? std::atoi(argv[2]) : 1024);
   const int repeats = argc > 3 ? std::max(1, std::atoi(argv[3])) : 9;
-  const unsigned level = field->shape().levels;
+  const unsigned level = field->shape().finest_level;
   const double step = argc > 5 ? std::atof(argv[5]) : 0;
   std::vector<Camera> cameras;
   for (int k = 0; k < repeats; ++k)

@@ -74,7 +74,7 @@ double slabs(const Field& field) {
 /// The sphere's field in each mode that it has.
 void add_sphere(const Field& field, unsigned threads, bool first, std::vector<System>& systems) {
   const FieldShape& shape = field.shape();
-  const unsigned level = shape.levels;
+  const unsigned level = shape.finest_level;
   const auto renderer = std::make_shared<Renderer>(field, RendererOptions{4ull << 30, threads});
   const std::string cells = first ? ""
                                   : ":" + std::to_string(shape.entry_side << level) + "/" +

@@ -62,7 +62,8 @@ void collect(const FieldFile& field, std::size_t number, int quality, Training& 
   const FieldShape& shape = field.shape();
   const codec::PredictiveSettings settings{quality};
   codec::TileSymbols symbols;
-  const codec::PredictiveCodec codec(settings, codec::predictive_tables(settings, shape.levels),
+  const codec::PredictiveCodec codec(settings,
+                                     codec::predictive_tables(settings, shape.finest_level),
                                      [&](const auto& of_tile) { symbols = of_tile; });
   const TileCoder tiles(shape, settings.format, codec, [&](unsigned level) -> const LevelGeometry& {
     return field.geometry(level);
@@ -79,7 +80,7 @@ void collect(const FieldFile& field, std::size_t number, int quality, Training& 
   const TileOrder order(shape);
   for (std::uint64_t n = 0; n < order.count(); ++n) {
     const TileKey key = order.key(n);
-    if (key.level == shape.levels && key.level > 0 && n % kEvery != 0) continue;
+    if (key.level == shape.finest_level && key.level > 0 && n % kEvery != 0) continue;
     const Bytes samples = samples_of(cache, key);
     if (samples.empty()) continue;
     Bytes payload;
@@ -92,7 +93,7 @@ void collect(const FieldFile& field, std::size_t number, int quality, Training& 
       last = used;
     }
     codec::append_parts(symbols, training.parts[number]);
-    if (key.level == shape.levels) continue;
+    if (key.level == shape.finest_level) continue;
     Bytes back(samples.size());
     expect(tiles.decode(key, payload, samples_of_all(tiles.references(key, payload)), back));
     decoded[key] = std::move(back);

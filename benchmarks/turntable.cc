@@ -57,7 +57,7 @@ int main(int argc, char** argv) {
   const auto scene = expect(make_scene(source));
   const auto field = expect(Field::open(field_path));
   const Sphere& sphere = field.shape().sphere;
-  const ViewOptions view{default_mode(field), field.shape().levels};
+  const ViewOptions view{default_mode(field), field.shape().finest_level};
   if (turn == 0) turn = 360.0 / frames;
   Renderer renderer(field);
   nlohmann::json numbers = nlohmann::json::array();

@@ -37,7 +37,7 @@ int main(int argc, char** argv) {
     const auto field = opened();
     measuring.cameras = random_cameras(field.shape().sphere, 3, views, 1, size, size);
     measuring.mode = mode.empty() ? default_mode(field) : expect(parse_render_mode(mode));
-    measuring.levels = {field.shape().levels};
+    measuring.levels = {field.shape().finest_level};
     measuring.renderer = options;
   }
   bench::Times open_cold, open_warm, view_cold, view_warm;
@@ -49,7 +49,7 @@ int main(int argc, char** argv) {
     open_cold.run([&] { field = opened(); });
     {
       Renderer renderer(*field, options);
-      const ViewOptions view{measuring.mode, field->shape().levels};
+      const ViewOptions view{measuring.mode, field->shape().finest_level};
       view_cold.run([&] { expect(renderer.render(camera, view, image)); });
       view_warm.run([&] { expect(renderer.render(camera, view, image)); });
     }

@@ -206,7 +206,7 @@ struct Contenders {
 nlohmann::json measure_view(const Contenders& c, const Camera& camera, int repeats,
                             const std::string& pictures) {
   const RenderMode best = default_mode(c.field);
-  const unsigned level = c.field.shape().levels;
+  const unsigned level = c.field.shape().finest_level;
   Image truth, from_field;
   const auto draw = [&](RenderMode mode) {  // into the same picture, as VTK does
     expect(c.renderer.render(camera, {mode, level}, from_field));

@@ -271,7 +271,7 @@ RendererOptions DrawArguments::renderer(const ViewOptions& view) const {
 Result<ViewOptions> DrawArguments::view(const Field& field, std::optional<Camera> camera) const {
   ViewOptions view;
   view.mode = mode.value_or(default_mode(field));
-  view.level = level == kFinest ? field.shape().levels : level;
+  view.level = level == kFinest ? field.shape().finest_level : level;
   if (level == kMatchingLevel && camera)
     view.level = matching_level(field.shape(), *camera, view.mode);
   const auto built = raycast_options(field.provenance()).clip;  // which may be named again

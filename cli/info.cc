@@ -61,7 +61,7 @@ nlohmann::json recipe_json(const Field& field) {
   nlohmann::json recipe = common;
   recipe.update({{"entry", shape.entry_side},
                  {"exit", shape.exit_side},
-                 {"finest_level", shape.levels},
+                 {"finest_level", shape.finest_level},
                  {"entry_extra_levels", shape.entry_extra_levels},
                  {"codec", field.codec()},
                  {"depth", field.has_depth()},
@@ -167,8 +167,8 @@ void print_field(const Field& field, const FieldContent& content) {
   print("sphere  centre {:.2f},{:.2f},{:.2f}  radius {:.2f}{}{}\n", c.x, c.y, c.z,
         shape.sphere.radius, spaced(text_of(provenance, "unit", "")),
         space.empty() ? "" : "  (world coordinates are " + space + ")");
-  print("lattice {} entry, {} exit at the finest level\n", shape.entry_resolution(shape.levels),
-        shape.exit_resolution(shape.levels));
+  print("lattice {} entry, {} exit at the finest level\n",
+        shape.entry_resolution(shape.finest_level), shape.exit_resolution(shape.finest_level));
   print("samples {} as {}\n", name(field.format()), field.codec());
   if (const auto part = field.part())
     print("part    tiles {}/{} up to {}/{}{}\n", part->begin.level, part->begin.index,
@@ -442,8 +442,8 @@ Result<void> run_info(const InfoArguments& arguments) {
   if (arguments.json) {
     const FieldShape& shape = field.shape();
     const FieldInfo info{nlohmann::json::parse(field.manifest()), content,
-                         shape.entry_resolution(shape.levels), shape.exit_resolution(shape.levels),
-                         RevealInfo::of(field)};
+                         shape.entry_resolution(shape.finest_level),
+                         shape.exit_resolution(shape.finest_level), RevealInfo::of(field)};
     print_json(info);
   } else {
     print_field(field, content);

@@ -187,8 +187,8 @@ void add_repack(CLI::App& app, Run& run) {
                    "zstd[:LEVEL] or raw; default: as it is")
       ->type_name(kCodec);
   add_no_depth(*command, a->repack.depth, "Leave out depths; not with predictive");
-  add_number(*command, "--finest-level,--levels", a->repack.levels, "The finest level to keep",
-             kNotNegative);
+  add_number(*command, "--finest-level,--levels", a->repack.finest_level,
+             "The finest level to keep", kNotNegative);
   add_subfields(*command, a->subfields, "Level-0 subfields to keep");
   choose(command->add_option("--color-type", a->repack.half, "u8 or half"),
          Choices<bool>{{"u8", false}, {"half", true}});

@@ -200,7 +200,7 @@ void add_export(CLI::App& app, Run& run) {
   command->add_option("--states", a->options.states, "As in slf repack")
       ->type_name("STATE,...")
       ->delimiter(',');
-  command->add_option("--finest-level,--levels", a->options.repack.levels,
+  command->add_option("--finest-level,--levels", a->options.repack.finest_level,
                       "The finest level to keep");
   command->add_option("--codec", a->options.repack.codec, "As in slf repack")->type_name(kCodec);
   add_no_depth(*command, a->options.repack.depth, "As in slf repack");

@@ -38,7 +38,7 @@ Result<std::shared_ptr<const FieldFile>> FieldFile::open(storage::TileStore stor
 }
 
 void FieldFile::read_reference_index() {
-  for (unsigned level = 1; level <= shape().levels; ++level) {
+  for (unsigned level = 1; level <= shape().finest_level; ++level) {
     const Bytes section = store_.section(reference_section(level));
     auto index = ReferenceIndex::parse(section, level);
     if (section.empty() || !index) return;
@@ -157,7 +157,7 @@ Result<TileSelection> FieldFile::recorded(const TileOrder& order,
     return {};
   };
   if (!state) SLF_TRY(add(all_keys(shape())));
-  for (unsigned level = 0; state && level <= shape().levels; ++level)
+  for (unsigned level = 0; state && level <= shape().finest_level; ++level)
     SLF_TRY(add(keys_of(level, *state)));
   return tiles;
 }
@@ -167,7 +167,7 @@ Result<FieldContent> FieldFile::content(std::optional<unsigned> state) const {
   content.file_bytes = store_.file_bytes();
   content.complete = true;
   const FieldShape& shown = state ? shape_of_state() : shape();
-  for (unsigned level = 0; level <= shape().levels; ++level) {
+  for (unsigned level = 0; level <= shape().finest_level; ++level) {
     const TileRange keys =
         state ? keys_of(level, *state) : TileRange{first_key(level), first_key(level + 1)};
     const auto found = SLF_TRY(store_.statistics(keys));
@@ -331,7 +331,8 @@ Result<void> check_structure(const Structure& structure, const Field& field) {
     return differs("a sphere of radius", a.sphere.radius, b.sphere.radius);
   if (a.entry_side != b.entry_side) return differs("entry cells", a.entry_side, b.entry_side);
   if (a.exit_side != b.exit_side) return differs("exit cells", a.exit_side, b.exit_side);
-  if (a.levels != b.levels) return differs("finest level", a.levels, b.levels);
+  if (a.finest_level != b.finest_level)
+    return differs("finest level", a.finest_level, b.finest_level);
   if (a.entry_extra_levels != b.entry_extra_levels)
     return differs("entry depth", a.entry_extra_levels, b.entry_extra_levels);
   if (one.format() != field.format())

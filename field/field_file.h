@@ -74,7 +74,7 @@ class FieldFile {
   [[nodiscard]] bool has_depth() const { return slf::has_depth(format()); }
   [[nodiscard]] const codec::Codec& codec() const { return *codec_; }
 
-  /// The geometry of a level, computed on first use. REQUIRES: level <= shape().levels.
+  /// The geometry of a level, computed on first use. REQUIRES: level <= shape().finest_level.
   [[nodiscard]] const LevelGeometry& geometry(unsigned level) const;
 
   /// Codes its tiles: the codec, with predictions where it needs them.

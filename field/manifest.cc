@@ -103,7 +103,7 @@ FieldShape read_shape(Reader& in, const nlohmann::json& json) {
   shape.sphere.radius = in.number("/sphere/radius");
   shape.entry_side = in.integer("/entry_side", FieldShape::kMaxSide);
   shape.exit_side = in.integer("/exit_side", FieldShape::kMaxSide);
-  shape.levels = in.integer("/levels", 10);
+  shape.finest_level = in.integer("/levels", 10);
   shape.entry_extra_levels = in.integer("/entry_depth", 8);
   if (!json.contains("subfields")) return shape;
   const nlohmann::json& subfields = json["subfields"];
@@ -177,9 +177,9 @@ Result<void> Manifest::set_states(std::span<const std::pair<std::string, OwnedJs
 
 Result<void> Manifest::check() const {
   // A tile's payload has a decision for each candidate reference in the next coarser level.
-  if (codec::is_predictive(codec) && shape.levels > kMaxPredictedLevels)
-    return fail_without("levels", ErrorCode::usage, "levels ", shape.levels, ": with the codec ",
-                        codec, " expected at most ", kMaxPredictedLevels);
+  if (codec::is_predictive(codec) && shape.finest_level > kMaxPredictedLevels)
+    return fail_without("levels", ErrorCode::usage, "levels ", shape.finest_level,
+                        ": with the codec ", codec, " expected at most ", kMaxPredictedLevels);
   return shape.check();
 }
 
@@ -205,7 +205,7 @@ OwnedJson Manifest::to_json() const {
   all["sphere"]["radius"] = shape.sphere.radius;
   all["entry_side"] = shape.entry_side;
   all["exit_side"] = shape.exit_side;
-  all["levels"] = shape.levels;
+  all["levels"] = shape.finest_level;
   all["entry_depth"] = shape.entry_extra_levels;
   all["format"] = name(format);
   all["codec"] = codec;
@@ -269,8 +269,8 @@ Result<Manifest> Manifest::parse(std::string_view text, const std::string& file)
 
   Manifest manifest;
   manifest.shape = read_shape(in, json);
-  manifest.filtered_levels =
-      json.contains("filtered_levels") ? in.integer("/filtered_levels", 10) : manifest.shape.levels;
+  manifest.filtered_levels = json.contains("filtered_levels") ? in.integer("/filtered_levels", 10)
+                                                              : manifest.shape.finest_level;
   if (json.contains("part")) {
     manifest.part = {in.key("/part/begin"), in.key("/part/end")};
     if (manifest.part->end < manifest.part->begin) in.problem("/part/end", "is before /part/begin");

@@ -18,14 +18,14 @@ std::vector<RepackOptions> candidates(const Field& field, const RepackOptions& o
   const bool depth = field.has_depth() && options.depth;
   // jpeg holds no half floats.
   const bool fixed = !options.codec.empty() || (is_half(field.format()) && !depth);
-  const unsigned finest = options.levels.value_or(field.shape().levels);
-  const unsigned levels = options.levels ? 1 : finest + 1;
+  const unsigned finest = options.finest_level.value_or(field.shape().finest_level);
+  const unsigned levels = options.finest_level ? 1 : finest + 1;
   std::vector<RepackOptions> all;
   all.reserve(levels * (1 + kQualities.size()));
   RepackOptions next = options;
   next.light = false;
   for (unsigned k = 0; k < levels; ++k) {
-    next.levels = finest - k;
+    next.finest_level = finest - k;
     next.codec = options.codec;  // if empty, the field's own
     if (k == 0 || fixed) all.push_back(next);
     if (fixed) continue;

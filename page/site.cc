@@ -331,7 +331,7 @@ Result<Descriptor> repack_if_requested(const Field& field, std::string output,
   const bool tells = own.contains("content") && own.contains("source") &&
                      own["source"].dump().find('/') != std::string::npos;
   const bool as_it_is = !drops_light && !drops_reveal && !field.structures() &&
-                        options.states.empty() && !repack.levels && repack.codec.empty() &&
+                        options.states.empty() && !repack.finest_level && repack.codec.empty() &&
                         repack.depth && !tells;
   // In a folder, a field without an index gets one and so becomes larger; a repacked one has it.
   const bool fits = !limited || (one_file && field.file_bytes() <= room);
@@ -385,7 +385,7 @@ Result<ExportReport> export_field(const std::string& input, const std::string& o
   }
   SLF_TRY(is_page_name(output) ? export_page(exported, input, output, views, options.url, bytes)
                                : export_site(exported, input, output, views, options.url, bytes));
-  return ExportReport{output, exported.file_bytes(), exported.shape().levels};
+  return ExportReport{output, exported.file_bytes(), exported.shape().finest_level};
 }
 
 }  // namespace slf::page

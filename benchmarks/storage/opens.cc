@@ -31,7 +31,7 @@ std::vector<double> milliseconds(int opens, const Open& open) {
 void write_field(const TileSet& set, const std::string& path) {
   Manifest manifest;
   manifest.shape.sphere.radius = 1;
-  manifest.shape.levels = 4;
+  manifest.shape.finest_level = 4;
   manifest.codec = "jpeg:75";
   manifest.provenance = {{"scene", "none"}};
   const auto codec = expect(codec::make_codec("jpeg:75", codec::SampleFormat::rgba8));

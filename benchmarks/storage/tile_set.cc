@@ -73,7 +73,7 @@ void TileSet::decode(std::size_t tile, ByteSpan payload, Bytes& samples) const {
 TileSet tiles_of_field(const std::string& path, std::size_t max_tiles) {
   const auto field = std::make_shared<const Field>(expect(Field::open(path)));
   TileSet set;
-  set.level = static_cast<std::uint8_t>(field->shape().levels);
+  set.level = static_cast<std::uint8_t>(field->shape().finest_level);
   std::vector<storage::TileRef> stored;
   expect(field->file().store().visit(first_key(set.level), first_key(set.level + 1u),
                                      [&](const storage::TileRef& tile) -> Result<void> {

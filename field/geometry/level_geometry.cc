@@ -12,7 +12,7 @@ unsigned matching_level(const FieldShape& shape, double spacing, bool aims) {
   const double cells = std::min<double>(shape.exit_side, (aims ? 2.0 : 1.0) * shape.entry_side);
   double apart = std::numbers::pi / 4 / cells;
   unsigned level = 0;
-  for (; level < shape.levels && apart > spacing; ++level) apart /= 2;
+  for (; level < shape.finest_level && apart > spacing; ++level) apart /= 2;
   return level;
 }
 

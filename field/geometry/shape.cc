@@ -28,7 +28,7 @@ std::uint64_t FieldShape::max_tile_samples() const {
 }
 
 bool FieldShape::has(TileKey key) const {
-  if (key.level > levels || key.state >= states ||
+  if (key.level > finest_level || key.state >= states ||
       key.index >= tile_count(key.level, entry_extra_levels))
     return false;
   const auto subfield =
@@ -40,15 +40,17 @@ Result<void> FieldShape::check() const {
   if (entry_side < 1 || entry_side > kMaxSide || exit_side < 1 || exit_side > kMaxSide)
     return fail(ErrorCode::usage, "entry ", entry_side, ", exit ", exit_side, ": expected 1 to ",
                 kMaxSide, " cells along an octsphere's edge");
-  if (levels > 10) return fail(ErrorCode::usage, "levels ", levels, ": expected at most 10");
+  if (finest_level > 10)
+    return fail(ErrorCode::usage, "levels ", finest_level, ": expected at most 10");
   if (states < 1 || states > kMaxStates)
     return fail(ErrorCode::usage, states, " states: expected 1 to ", kMaxStates);
-  if (entry_extra_levels > kMaxSectionLevel - levels)
+  if (entry_extra_levels > kMaxSectionLevel - finest_level)
     return fail(ErrorCode::usage, "entry extra levels ", entry_extra_levels, ": expected at most ",
-                kMaxSectionLevel - levels);
-  if (entry_resolution(levels) > kMaxResolution || exit_resolution(levels) > kMaxResolution)
-    return fail(ErrorCode::usage, "lattice ", entry_resolution(levels), "/",
-                exit_resolution(levels), ": expected at most ", kMaxResolution);
+                kMaxSectionLevel - finest_level);
+  if (entry_resolution(finest_level) > kMaxResolution ||
+      exit_resolution(finest_level) > kMaxResolution)
+    return fail(ErrorCode::usage, "lattice ", entry_resolution(finest_level), "/",
+                exit_resolution(finest_level), ": expected at most ", kMaxResolution);
   if (entry_section_side() << entry_extra_levels != entry_side)
     return fail(ErrorCode::usage, "entry ", entry_side, " cannot be split ", entry_extra_levels,
                 " levels deeper: expected a multiple of ", 1u << entry_extra_levels);

@@ -30,13 +30,13 @@ namespace slf {
 
 /// The keys of all tiles of a field.
 [[nodiscard]] inline TileRange all_keys(const FieldShape& shape) {
-  return {first_key(0), first_key(shape.levels + 1)};
+  return {first_key(0), first_key(shape.finest_level + 1)};
 }
 
 class TileOrder {
  public:
   explicit TileOrder(const FieldShape& shape) : shape_(shape) {
-    for (unsigned level = 0; level <= shape.levels; ++level) {
+    for (unsigned level = 0; level <= shape.finest_level; ++level) {
       first_.push_back(count_);
       count_ += shape.tiles(level);
     }
@@ -62,7 +62,7 @@ class TileOrder {
 
   /// The same for number == count(), too: the end of all keys.
   [[nodiscard]] TileKey key_or_end(std::uint64_t number) const {
-    return number < count_ ? key(number) : first_key(shape_.levels + 1);
+    return number < count_ ? key(number) : first_key(shape_.finest_level + 1);
   }
 
   /// The number of the first tile of a level. The number of tiles for the level after the last.
@@ -110,7 +110,7 @@ class TileOrder {
 template <class Ranges, class Use>
 void for_each_state(const FieldShape& shape, const Ranges& positions, const Use& use) {
   const TileOrder order(one_state(shape));
-  for (unsigned level = 0; level <= shape.levels; ++level)
+  for (unsigned level = 0; level <= shape.finest_level; ++level)
     for (std::uint64_t state = 0; state < shape.states; ++state) {
       const NumberRange all = order.level(level);
       const std::uint64_t before = (shape.states - 1) * all.begin + state * all.count();

@@ -170,7 +170,7 @@ bool same_rays(const FieldShape& a, const FieldShape& b) {
 /// The shape with all levels and subfields of both fields.
 FieldShape union_shape(const FieldShape& a, const FieldShape& b) {
   FieldShape shape = a;
-  shape.levels = std::max(a.levels, b.levels);
+  shape.finest_level = std::max(a.finest_level, b.finest_level);
   shape.states = std::max(a.states, b.states);
   shape.subfields.clear();
   if (!a.subfields.empty() && !b.subfields.empty())

@@ -39,7 +39,7 @@ class Listing {
 
  private:
   [[nodiscard]] unsigned last_level() const {
-    return std::min(filter_.last_level, field_.shape().levels);
+    return std::min(filter_.last_level, field_.shape().finest_level);
   }
 
   /// The tiles of a level with indexes in [begin, end).
@@ -91,8 +91,8 @@ class Listing {
 };
 
 Result<void> check(const FieldFile& field, const TileFilter& filter) {
-  if (filter.first_level > field.shape().levels || filter.last_level < filter.first_level)
-    return misuse(field.path(), "has levels 0 to ", field.shape().levels);
+  if (filter.first_level > field.shape().finest_level || filter.last_level < filter.first_level)
+    return misuse(field.path(), "has levels 0 to ", field.shape().finest_level);
   for (const std::uint8_t subfield : filter.subfields)
     if (!field.shape().has({0, std::uint64_t{subfield} << (2 * field.shape().entry_extra_levels)}))
       return misuse(field.path(), "has no subfield ", int{subfield});
@@ -122,7 +122,8 @@ Result<TileKey> find_tile(const Field& field, const TileAddress& address) try {
     return misuse(field.path(), "tile ", address.level, "/", address.entry, "/", address.exit, ": ",
                   what...);
   };
-  if (address.level > shape.levels) return refuse("the field has levels 0 to ", shape.levels);
+  if (address.level > shape.finest_level)
+    return refuse("the field has levels 0 to ", shape.finest_level);
   const unsigned entry_level = address.level + shape.entry_extra_levels;
   if (address.entry >= section_count(entry_level) || address.exit >= section_count(address.level))
     return refuse("level ", address.level, " has entry sections 0 to ",
@@ -142,7 +143,7 @@ Result<TileKey> find_tile(const Field& field, unsigned level, std::uint64_t inde
   const auto refuse = [&](const auto&... what) {
     return misuse(field.path(), "tile ", level, "/", index, ": ", what...);
   };
-  if (level > shape.levels) return refuse("the field has levels 0 to ", shape.levels);
+  if (level > shape.finest_level) return refuse("the field has levels 0 to ", shape.finest_level);
   const TileKey key{static_cast<std::uint8_t>(level), index};
   if (shape.has(key)) return key;
   const std::uint64_t count = tile_count(level, shape.entry_extra_levels);

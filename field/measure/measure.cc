@@ -239,7 +239,7 @@ Result<Measurement> measure_views(const Field& field, const MeasureOptions& opti
   if (options.cameras.empty()) return fail(ErrorCode::usage, "views 0: expected at least one");
   std::vector<unsigned> levels = options.levels;
   if (levels.empty()) {
-    levels.resize(field.shape().levels + 1);
+    levels.resize(field.shape().finest_level + 1);
     std::iota(levels.begin(), levels.end(), 0u);
   }
   Measurement result;
@@ -278,7 +278,7 @@ Result<Measurement> measure_views(const Field& field, const MeasureOptions& opti
     total_tiles += tiles;
     result.levels.push_back(summarize(level, tiles, views));
   }
-  result.total = summarize(field.shape().levels, total_tiles, total);
+  result.total = summarize(field.shape().finest_level, total_tiles, total);
   const ResidentMemory peak = watch.peak();
   result.rss_anon_peak = peak.anonymous;
   result.rss_file_peak = peak.file;

@@ -19,12 +19,12 @@ Result<std::optional<PickedPoint>> pick(Renderer& renderer, const Camera& camera
   // average.
   const double distance = std::max(glm::distance(rays.eye(), sphere.center), sphere.radius);
   const double spacing =
-      sphere.radius * std::numbers::pi / 4 / (std::uint64_t{shape.exit_side} << shape.levels);
+      sphere.radius * std::numbers::pi / 4 / (std::uint64_t{shape.exit_side} << shape.finest_level);
   Camera around{rays.eye(), rays.eye() + ray, -rays.down()};
   around.width = around.height = 3;
   around.fov = 2 * glm::degrees(std::atan(1.5 * spacing / distance));
   ViewOptions view = cut;
-  view.mode = RenderMode::depth, view.level = shape.levels, view.with_depth = true;
+  view.mode = RenderMode::depth, view.level = shape.finest_level, view.with_depth = true;
   const auto picture = SLF_TRY(renderer.render(around, view));
   constexpr std::size_t kMiddle = 4;
   if (picture.rgba[kMiddle].a < 0.5f) return std::nullopt;

@@ -218,9 +218,9 @@ class Player::Loader {
       from = std::min(from, keys.size());
       return keys.subspan(from, std::min(kBatch, keys.size() - from));
     };
-    FoundTiles next = cache_.locate(batch(0));
+    FoundTiles next = cache_.find(batch(0));
     for (std::size_t at = 0; at < keys.size(); at += kBatch) {
-      const FoundTiles found = std::exchange(next, cache_.locate(batch(at + kBatch)));
+      const FoundTiles found = std::exchange(next, cache_.find(batch(at + kBatch)));
       if (auto ok = load_batch(batch(at), found, drawn); !ok || !*ok) return ok;
     }
     return true;
@@ -422,7 +422,7 @@ Result<void> Player::State::draw(const Camera& camera, Image& image, FrameReport
 void Player::expect(const Camera& camera) {
   Loader* const loader = state_->working();
   if (!loader) return;
-  const unsigned finest = state_->renderer.tiles().field().shape().levels;
+  const unsigned finest = state_->renderer.tiles().field().shape().finest_level;
   loader->plan({}, {camera}, std::min(state_->options.view.level, finest), state_->cache().now(),
                false);
 }

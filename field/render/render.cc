@@ -112,9 +112,9 @@ unsigned matching_level(const FieldShape& shape, const Camera& camera, RenderMod
 }
 
 Result<void> check_view(const Field& field, const ViewOptions& options) try {
-  if (options.level != kMatchingLevel && options.level > field.shape().levels)
+  if (options.level != kMatchingLevel && options.level > field.shape().finest_level)
     return misuse(field.path(), "level ", options.level, ": the finest level of this field is ",
-                  field.shape().levels);
+                  field.shape().finest_level);
   if (options.needs_depth() && !field.has_depth())
     return misuse(field.path(), "has no depth, which mode depth needs; mode bitri needs none");
   if (options.clip.size() > ViewOptions::kMaxClip)
@@ -409,7 +409,7 @@ Result<void> Renderer::fetch(const Camera& camera, ViewOptions options, Image& p
   constexpr int kRounds = 4;
   TileCache& cache = state_->tiles.cache();
   const auto load = [&](std::span<const TileKey> keys) -> Result<bool> {
-    const FoundTiles found = cache.locate(keys);
+    const FoundTiles found = cache.find(keys);
     for (const TileKey key : keys) {
       SLF_TRY(cache.load(key, found));
       SLF_TRY(progress.add(0));

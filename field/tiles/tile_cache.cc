@@ -39,7 +39,7 @@ TileCache::TileCache(const FieldFile& field, std::uint64_t budget, unsigned stat
   const auto fits = [&](std::uint64_t needed, std::uint64_t times) {
     return needed <= budget || needed / times <= bytes;
   };
-  for (unsigned level = 0; level <= shape.levels; ++level) {
+  for (unsigned level = 0; level <= shape.finest_level; ++level) {
     const std::uint64_t entries = section_count(level + shape.entry_extra_levels);
     const bool plausible =
         fits(LevelGeometry::memory(shape, level), kGeometryTimes) &&
@@ -120,9 +120,9 @@ bool TileCache::has_room(std::uint32_t frame) {
 
 // Loading.
 
-FoundTiles TileCache::locate(std::span<const TileKey> keys) {
+FoundTiles TileCache::find(std::span<const TileKey> keys) {
   // What the parts find is in memory when they look for it again.
-  for (const Part& part : parts_) (void)part.cache->locate(in_state(keys, part.cache->state()));
+  for (const Part& part : parts_) (void)part.cache->find(in_state(keys, part.cache->state()));
   if (composed_) return {};
   return field_.find(keys, [&](TileKey key) {
     const std::lock_guard lock(mutex_);

@@ -113,24 +113,24 @@ class TileCache {
   /// Finds tiles, and those that they are predicted from, except what is loaded, and asks the
   /// kernel to read all of them. Call it with all tiles that are needed next, so that the disk
   /// reads many at a time.
-  [[nodiscard]] FoundTiles locate(std::span<const TileKey> keys);
+  [[nodiscard]] FoundTiles find(std::span<const TileKey> keys);
 
-  /// Loads tiles and pins them, in the order of `keys`. What locate() has `found` is not looked up
+  /// Loads tiles and pins them, in the order of `keys`. What find() has `found` is not looked up
   /// again. Empty and missing tiles are no errors: Pin::state() tells. REQUIRES: no ReadScope of
   /// the calling thread, and keys of the field. Errors of finding, checking and decoding, which are
   /// not cached. unsupported: a level too large for the address space.
   [[nodiscard]] Result<std::vector<Pin>> load(std::span<const TileKey> keys,
                                               const FoundTiles& found);
   [[nodiscard]] Result<std::vector<Pin>> load(std::span<const TileKey> keys) {
-    return load(keys, locate(keys));
+    return load(keys, find(keys));
   }
   [[nodiscard]] Result<Pin> load(TileKey key, const FoundTiles& found);
-  [[nodiscard]] Result<Pin> load(TileKey key) { return load(key, locate({&key, 1})); }
+  [[nodiscard]] Result<Pin> load(TileKey key) { return load(key, find({&key, 1})); }
 
   /// Loads a stored tile. tile_missing: one that it is predicted from was never built; the message
   /// names that.
   [[nodiscard]] Result<Pin> read(TileKey key, const FoundTiles& found);
-  [[nodiscard]] Result<Pin> read(TileKey key) { return read(key, locate({&key, 1})); }
+  [[nodiscard]] Result<Pin> read(TileKey key) { return read(key, find({&key, 1})); }
   /// The same, copied; all zeros if it is empty.
   [[nodiscard]] Result<void> read(TileKey key, Bytes& samples);
 

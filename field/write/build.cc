@@ -83,8 +83,8 @@ Result<TileSelection> with_needed(const TileTracer& tracer, const TileOrder& ord
   const auto entry_of = [&](std::uint64_t n) {
     return sections_of(order.key(n), shape.entry_extra_levels).entry.index;
   };
-  std::vector<std::vector<bool>> needed(shape.levels + 1);  // per level and entry section
-  for (unsigned level = shape.levels; level > 0; --level) {
+  std::vector<std::vector<bool>> needed(shape.finest_level + 1);  // per level and entry section
+  for (unsigned level = shape.finest_level; level > 0; --level) {
     std::vector<bool> dependent = needed[level];
     dependent.resize(section_count(level + shape.entry_extra_levels));
     SLF_TRY(for_each_number(part.within(order.level(level)), go_on,
@@ -97,7 +97,7 @@ Result<TileSelection> with_needed(const TileTracer& tracer, const TileOrder& ord
           needed[level - 1][section] = true;
   }
   TileSelection tiles;
-  for (unsigned level = 0; level <= shape.levels; ++level) {
+  for (unsigned level = 0; level <= shape.finest_level; ++level) {
     const NumberRange all = order.level(level), own = part.within(all);
     if (std::ranges::find(needed[level], true) == needed[level].end())
       tiles.add(own);
@@ -115,13 +115,13 @@ Result<void> check_shard(const FieldShape& shape, const ShardOptions& options) {
     return fail(ErrorCode::usage, "shard ", options.index, "/", options.count,
                 ": expected K/N with K from 1 to N");
   const unsigned first = options.first_level.value_or(0);
-  const unsigned last = options.last_level.value_or(shape.levels);
-  if (first > last || last > shape.levels)
+  const unsigned last = options.last_level.value_or(shape.finest_level);
+  if (first > last || last > shape.finest_level)
     return fail(ErrorCode::usage, "levels ", first, " to ", last, ": the field has levels 0 to ",
-                shape.levels);
+                shape.finest_level);
   const std::uint64_t tiles = TileOrder(one_state(shape)).count();
   if (tiles > kMaxTiles / shape.states)
-    return fail_without("levels", ErrorCode::usage, "levels ", shape.levels, ": ", tiles,
+    return fail_without("levels", ErrorCode::usage, "levels ", shape.finest_level, ": ", tiles,
                         " tiles of each state, expected at most ", kMaxTiles / shape.states,
                         "; choose fewer levels, and tiles of more samples");
   return {};
@@ -133,7 +133,7 @@ Result<ShardPlan> plan_shard(const TileTracer& tracer, const FieldShape& shape,
                              const ShardOptions& options, bool predicted, const GoOn& go_on) {
   const TileOrder order(one_state(shape));
   const NumberRange levels{order.first_number(options.first_level.value_or(0)),
-                           order.first_number(options.last_level.value_or(shape.levels) + 1)};
+                           order.first_number(options.last_level.value_or(shape.finest_level) + 1)};
   const NumberRange part = SLF_TRY(cut(tracer, order, levels, options, go_on));
   ShardPlan plan;
   plan.part = {order.key_or_end(part.begin), order.key_or_end(part.end)};
@@ -304,8 +304,8 @@ Result<BuildReport> build(std::span<const FieldState> states, const std::string&
   const TileTracer tracer(scenes, manifest, path);
   const TileOrder order(manifest.shape);
   Progress begin;
-  begin.total = count_rays(tracer, order, manifest.shape.levels, tiles);
-  begin.skipped = begin.total - count_rays(tracer, order, manifest.shape.levels, missing);
+  begin.total = count_rays(tracer, order, manifest.shape.finest_level, tiles);
+  begin.skipped = begin.total - count_rays(tracer, order, manifest.shape.finest_level, missing);
   begin.done = begin.skipped;
   const std::string file = in_place ? output.target : output.unfinished();
   Reporter reporter(progress, begin,

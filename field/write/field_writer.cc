@@ -134,7 +134,7 @@ Result<void> index_field(const std::string& path, const GoOn& go_on) {
   std::vector<storage::IndexExtra> extras;
   {
     const auto field = SLF_TRY(FieldFile::open(path));
-    for (unsigned level = 1; field->predicts() && level <= field->shape().levels; ++level) {
+    for (unsigned level = 1; field->predicts() && level <= field->shape().finest_level; ++level) {
       if (field->shape().tiles(level) / field->shape().states > kMaxIndexedTiles) break;
       const auto tiles = SLF_TRY(references_of(*field, level, go_on));
       extras.push_back({reference_section(level), ReferenceIndex::encode(tiles)});

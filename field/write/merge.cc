@@ -62,7 +62,7 @@ TileSelection coverage(const Manifest& manifest, const TileOrder& order) {
   for (std::uint8_t k = 0; shape.subfields.empty() && k < 64; ++k) subfields.push_back(k);
   const TileRange part = manifest.part.value_or(all_keys(shape));
   TileSelection tiles;
-  for (unsigned level = 0; level <= shape.levels; ++level) {
+  for (unsigned level = 0; level <= shape.finest_level; ++level) {
     const unsigned bits = 4 * level + 2 * shape.entry_extra_levels;
     for (const std::uint64_t subfield : subfields) {
       const auto l = static_cast<std::uint8_t>(level);
@@ -103,7 +103,8 @@ Result<void> check_same(const Source& first, const Source& other) {
     return misuse(other.path, "is not of the same field as ", first.path, ": ", what);
   };
   Manifest a = first.manifest, b = other.manifest;
-  a.shape.levels = b.shape.levels = std::max(a.shape.levels, b.shape.levels);
+  a.shape.finest_level = b.shape.finest_level =
+      std::max(a.shape.finest_level, b.shape.finest_level);
   a.shape.subfields = b.shape.subfields = {};
   a.part = b.part = std::nullopt;
   if (first.manifest.filtered_levels != other.manifest.filtered_levels)
@@ -115,7 +116,7 @@ Result<void> check_same(const Source& first, const Source& other) {
   // A shard's tiles were predicted from the original ones, not from those.
   const FieldShape &shape = first.manifest.shape, &other_shape = other.manifest.shape;
   const bool anew = shape.subfields != other_shape.subfields ||
-                    (shape.states > 1 && shape.levels != other_shape.levels);
+                    (shape.states > 1 && shape.finest_level != other_shape.finest_level);
   if (codec::is_predictive(first.manifest.codec) && anew &&
       (first.manifest.part || other.manifest.part))
     return differ("one is a shard, the other was encoded anew by a repack; merge the shards first");
@@ -129,7 +130,7 @@ FieldShape joined_shape(const std::vector<Source>& sources) {
   std::vector<bool> selected(64, false);
   bool all = false;
   for (const Source& source : sources) {
-    shape.levels = std::max(shape.levels, source.manifest.shape.levels);
+    shape.finest_level = std::max(shape.finest_level, source.manifest.shape.finest_level);
     all = all || source.manifest.shape.subfields.empty();
     for (const std::uint8_t subfield : source.manifest.shape.subfields) selected[subfield] = true;
   }

@@ -50,7 +50,7 @@ Result<Manifest> plan_build(std::span<const FieldState> states, const BuildOptio
           "center", ErrorCode::usage, "a sphere of radius ", radius, " around ", text_of(center),
           " misses all that is visible", state.name.empty() ? "" : " of state ", state.name,
           ", which lies around ", text_of(visible.center), " within ", visible.radius);
-  manifest.filtered_levels = manifest.shape.levels;
+  manifest.filtered_levels = manifest.shape.finest_level;
   manifest.format = sample_format(options.half, options.depth);
   const auto plain = SLF_TRY(codec::make_codec(options.codec, manifest.format));
   manifest.codec = plain->spec();
@@ -87,7 +87,7 @@ Result<BuildForecast> forecast_build(std::span<const FieldState> states,
   const TileOrder order(shape);
   const unsigned threads = thread_count(options.threads);
   Progress work;
-  for (unsigned level = 0; level <= shape.levels; ++level)
+  for (unsigned level = 0; level <= shape.finest_level; ++level)
     work.total += sampled_tiles(shape, level);
   Reporter reporter(progress, work, "forecast interrupted");
   const auto geometries = [&](unsigned level) -> const LevelGeometry& {
@@ -100,7 +100,7 @@ Result<BuildForecast> forecast_build(std::span<const FieldState> states,
   const TileCoder coder(shape, manifest.format, *codec, geometries, states.size() > 1,
                         manifest.keeps_rays);
   SizeEstimate total;
-  for (unsigned level = 0; level <= shape.levels; ++level) {
+  for (unsigned level = 0; level <= shape.finest_level; ++level) {
     const auto sampled = SLF_TRY(sample_tiles(tracer, coder, order, order.level(level),
                                               sampled_tiles(shape, level), threads, reporter));
     total += sampled;
@@ -112,7 +112,7 @@ Result<BuildForecast> forecast_build(std::span<const FieldState> states,
   const FileEstimate file = file_estimate(shape, total, kept);
   return BuildForecast{order.count(),
                        total.sampled,
-                       count_rays(tracer, order, shape.levels, all),
+                       count_rays(tracer, order, shape.finest_level, all),
                        prepared.count() + total.seconds / threads,
                        file.bytes,
                        file.error_bytes};

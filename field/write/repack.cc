@@ -38,9 +38,10 @@ struct RepackPlan {
 
 Result<FieldShape> plan_shape(const FieldFile& field, const RepackOptions& options) {
   FieldShape shape = field.shape();
-  if (options.levels && *options.levels > shape.levels)
-    return misuse(field.path(), "has levels 0 to ", shape.levels, ", not ", *options.levels);
-  if (options.levels) shape.levels = *options.levels;
+  if (options.finest_level && *options.finest_level > shape.finest_level)
+    return misuse(field.path(), "has levels 0 to ", shape.finest_level, ", not ",
+                  *options.finest_level);
+  if (options.finest_level) shape.finest_level = *options.finest_level;
   for (const std::uint8_t subfield : options.subfields)
     if (!field.shape().has({0, std::uint64_t{subfield} << (2 * shape.entry_extra_levels)}))
       return misuse(field.path(), "has no subfield ", int{subfield});
@@ -98,8 +99,8 @@ bool can_copy(std::span<const StateSource> states, const FieldShape& shape) {
   if (states[0].field.structures() || (several && !are_one_field(states))) return false;
   if (!first.predicts()) return true;
   const bool whole_levels = shape.subfields == first.shape().subfields;
-  return whole_levels &&
-         (several ? shape.levels == first.shape().levels : states[0].field.state() == 0);
+  return whole_levels && (several ? shape.finest_level == first.shape().finest_level
+                                  : states[0].field.state() == 0);
 }
 
 /// The code of the first reveal of what one of the states shows: others are not to be published.
@@ -163,7 +164,7 @@ Result<TileSelection> recorded(std::span<const StateSource> states, const FieldS
     of_states.push_back(std::move(own));
   }
   TileSelection tiles;
-  for (unsigned level = 0; level <= shape.levels; ++level)
+  for (unsigned level = 0; level <= shape.finest_level; ++level)
     for (std::size_t state = 0; state < states.size(); ++state) {
       const NumberRange all = positions.level(level);
       const std::uint64_t first = order.number(in_state(first_key(level), state));
@@ -190,7 +191,7 @@ Result<SizeEstimate> count(const Field& handle, const FieldShape& shape) {
     ++sum.stored;
     return {};
   };
-  for (unsigned level = 0; level <= shape.levels; ++level) {
+  for (unsigned level = 0; level <= shape.finest_level; ++level) {
     const auto [begin, end] = keys_of(level, handle.state());
     SLF_TRY(field.store().visit(begin, end, add));
   }
@@ -276,7 +277,7 @@ Result<RepackEstimate> estimate_repack(const Field& handle, const RepackOptions&
   const FieldShape& shape = plan.manifest.shape;
   const TileOrder order(shape);
   Progress work;
-  for (unsigned level = 0; !plan.copy && level <= shape.levels; ++level)
+  for (unsigned level = 0; !plan.copy && level <= shape.finest_level; ++level)
     work.total += std::min(kSample, shape.tiles(level));
   Reporter reporter(progress, work, "estimate interrupted");
   const auto codec =
@@ -285,7 +286,7 @@ Result<RepackEstimate> estimate_repack(const Field& handle, const RepackOptions&
 
   SizeEstimate total;
   if (plan.copy) total = SLF_TRY(count(handle, shape));
-  for (unsigned level = 0; !plan.copy && level <= shape.levels; ++level) {
+  for (unsigned level = 0; !plan.copy && level <= shape.finest_level; ++level) {
     const auto sampled =
         SLF_TRY(at_place(sample_tiles(*plan.source, coder, order, order.level(level), kSample,
                                       thread_count(options.threads), reporter),

@@ -113,7 +113,7 @@ Result<SizeEstimate> sample_tiles(const TileSource& source, const TileCoder& cod
 FileEstimate file_estimate(const FieldShape& shape, const SizeEstimate& payloads,
                            std::size_t kept) {
   std::uint64_t tiles = 0, indexed = 0;
-  for (unsigned level = 0; level <= shape.levels; ++level) {
+  for (unsigned level = 0; level <= shape.finest_level; ++level) {
     tiles += shape.tiles(level);
     if (shape.tiles(level) <= kMaxIndexedTiles) indexed += shape.tiles(level);
   }

@@ -76,7 +76,7 @@ void DecodedTiles::prefetch(std::span<const TileKey> keys) const {
       own.push_back(keys.front());
     const TileReader tiles = reader(state);
     for (const Field& source : sources_of(tiles.field())) source.file().store().release_all();
-    (void)tiles.cache().locate(in_state(own, tiles.field().state()));
+    (void)tiles.cache().find(in_state(own, tiles.field().state()));
   }
 }
 

@@ -123,7 +123,7 @@ TileTracer::TileTracer(std::span<const Scene* const> scenes, const Manifest& man
       place_(std::move(place)),
       shape_(manifest.shape),
       format_(manifest.format) {
-  for (unsigned level = 0; level <= shape_.levels; ++level) {
+  for (unsigned level = 0; level <= shape_.finest_level; ++level) {
     filtered_.push_back(manifest.filtered(level));
     levels_.emplace_back(shape_, level);
   }

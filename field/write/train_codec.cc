@@ -78,7 +78,7 @@ Result<std::unique_ptr<codec::Codec>> train_codec(const TileSource& source,
                                                   const GoOn& go_on) {
   const FieldShape shape = one_state(manifest.shape);
   const TileOrder order(shape);
-  const NumberRange finest = order.level(shape.levels);
+  const NumberRange finest = order.level(shape.finest_level);
   const std::size_t wanted = codec::needs_training(manifest.codec) ? codec::kTrainingTiles : 0;
   std::vector<SourceTile> sample;
   for (std::uint64_t t = 0;; ++t) {
@@ -92,9 +92,10 @@ Result<std::unique_ptr<codec::Codec>> train_codec(const TileSource& source,
   for (const SourceTile& tile : sample) {
     const auto sections = sections_of(tile.ref.key, shape.entry_extra_levels);
     tiles.push_back(
-        {geometries(shape.levels).tile(sections.entry.index, manifest.format), tile.samples});
+        {geometries(shape.finest_level).tile(sections.entry.index, manifest.format), tile.samples});
   }
-  auto general = SLF_TRY(codec::train_codec(manifest.codec, manifest.format, tiles, shape.levels));
+  auto general =
+      SLF_TRY(codec::train_codec(manifest.codec, manifest.format, tiles, shape.finest_level));
   const std::uint64_t runs = std::min(kRuns, finest.count() / (kRunTiles * kShare));
   if (!general->four_taps() || runs == 0 ||
       finest.count() * shape.max_tile_samples() < kLeastSamples)

@@ -96,12 +96,12 @@ class Verifier {
   Result<void> check_tiles(const FieldFile& field) {
     SLF_TRY(check_kept(field));
     Progress work;
-    for (unsigned level = 0; level <= field.shape().levels; ++level)
+    for (unsigned level = 0; level <= field.shape().finest_level; ++level)
       work.total += field.shape().tiles(level);
     Reporter reporter(progress_, work, field.path() + ": verify interrupted");
     report_.complete = true;
     TileCache tiles(field, options_.memory / 8);
-    std::vector<std::uint64_t> found(field.shape().levels + 1);
+    std::vector<std::uint64_t> found(field.shape().finest_level + 1);
     std::vector<TileRef> batch;
     Result<void> checked;
     const auto visited = field.store().visit(
@@ -157,7 +157,7 @@ class Verifier {
     if (!options_.quick) {
       std::vector<TileKey> keys(tiles.size());
       std::ranges::transform(tiles, keys.begin(), &TileRef::key);
-      const FoundTiles found = cache.locate(keys);
+      const FoundTiles found = cache.find(keys);
       std::vector<Fault> faults(tiles.size());
       auto checked = parallel_for(tiles.size(), options_.threads, [&](std::uint64_t k) {
         faults[k] = check_payload(cache, tiles[k], found);

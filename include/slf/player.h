@@ -6,7 +6,7 @@
 // that the predicted frames will need. The cache evicts tiles that were not used recently.
 //
 //   PlayOptions options;
-//   options.view = {default_mode(field), field.shape().levels};
+//   options.view = {default_mode(field), field.shape().finest_level};
 //   auto player = Player::make(field, options);
 //   for (const Camera& camera : cameras)
 //     if (auto ok = player->draw(camera, picture, &report); !ok) return ok;

@@ -75,7 +75,7 @@ struct RayCounts {
   std::uint64_t visible = 0;  ///< of `samples`: not fully transparent, so composited
 };
 
-struct VolumeScene;  // internal
+struct PreparedVolume;  // internal
 
 /// The options recorded in a field's provenance (a JSON object). An option that is missing there,
 /// or of another type, has its default.
@@ -117,7 +117,7 @@ class Raycaster final : public Scene {
   RayCounts trace_counted(std::span<const Segment> rays, std::span<RaySample> out) const;
 
   /// For slf's own libraries; the type is not installed.
-  [[nodiscard]] const VolumeScene& volume_scene() const;
+  [[nodiscard]] const PreparedVolume& prepared() const;
 
  private:
   struct State;

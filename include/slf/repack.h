@@ -18,15 +18,15 @@
 namespace slf {
 
 struct RepackOptions {
-  std::string codec;                    ///< empty: as it is
-  bool depth = true;                    ///< keep depths, if the field has them
-  std::optional<unsigned> levels;       ///< the finest level to keep; none: all
-  std::vector<std::uint8_t> subfields;  ///< level-0 subfields to keep, ascending; empty: all
-  std::optional<bool> half;             ///< colour as half floats (or 8 bits); none: as it is.
-                                        ///< Half floats go to zstd where their codec was JPEG
-  bool light = true;                    ///< keep the light of the copy's first state, if the
-                                        ///< input has it; no other is kept
-  bool reveal = true;                   ///< keep the reveal of the first state that has one
+  std::string codec;                     ///< empty: as it is
+  bool depth = true;                     ///< keep depths, if the field has them
+  std::optional<unsigned> finest_level;  ///< the finest level to keep; none: all
+  std::vector<std::uint8_t> subfields;   ///< level-0 subfields to keep, ascending; empty: all
+  std::optional<bool> half;              ///< colour as half floats (or 8 bits); none: as it is.
+                                         ///< Half floats go to zstd where their codec was JPEG
+  bool light = true;                     ///< keep the light of the copy's first state, if the
+                                         ///< input has it; no other is kept
+  bool reveal = true;                    ///< keep the reveal of the first state that has one
   std::uint64_t memory = 0;  ///< bytes of tiles in progress and records not yet written; 0:
                              ///< 256 MiB, or what the largest tile needs
   unsigned threads = 0;      ///< 0: all

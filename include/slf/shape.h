@@ -44,7 +44,7 @@ struct FieldShape {
   Sphere sphere{.center = glm::dvec3(0), .radius = 0};  ///< radius 0: not chosen yet
   std::uint32_t entry_side = 8;     ///< cells along an octsphere's edge at level 0, entry side
   std::uint32_t exit_side = 32;     ///< the same, exit side; also the side of every tile's pictures
-  unsigned levels = 2;              ///< the finest level, 0 to 10: levels 0..levels are stored
+  unsigned finest_level = 2;        ///< the finest level, 0 to 10: levels 0 to it are stored
   unsigned entry_extra_levels = 0;  ///< splits of entry sections beyond those of exit sections
   /// The level-0 subfields of the field, ascending: 8 × entry octant + exit octant. Empty: all 64.
   /// With entry_extra_levels > 0 they are still pairs of octants.

@@ -73,7 +73,7 @@ struct Volume {
   /// All files it was read from, headers and data. Scene::files() lists them, so that no build
   /// replaces one; add others that matter, such as that of a transfer function.
   std::vector<std::string> files{};
-  std::string unit{};  ///< of world coordinates: "mm", "µm", "Å", …; empty: not stated
+  std::string unit{};        ///< of world coordinates: "mm", "µm", "Å", …; empty: not stated
   std::string value_unit{};  ///< of values: "HU", "BQML", …; empty: not stated
   /// If the format has several ways to state the position: the one that was used, such as
   /// "sform (code 4)"; else empty.

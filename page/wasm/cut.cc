@@ -30,10 +30,10 @@ constexpr std::size_t kMaxTable = 1 << 20;  // entries
 
 struct Cut {
   Reveal reveal;
-  std::string provenance;                   // of the state that is shown
-  std::unique_ptr<VolumeScene> shown, lit;  // `lit` has the light; null: it is that of `shown`
-  std::unique_ptr<LightOnDemand> light;     // of `lit` or `shown`
-  Bytes part;                               // that JavaScript takes
+  std::string provenance;                      // of the state that is shown
+  std::unique_ptr<PreparedVolume> shown, lit;  // `lit` has the light; null: it is that of `shown`
+  std::unique_ptr<LightOnDemand> light;        // of `lit` or `shown`
+  Bytes part;                                  // that JavaScript takes
 };
 
 Cut& cut() {
@@ -66,7 +66,7 @@ json sky_of(const Environment& environment) {
 }
 
 /// What the shader needs of a scene, but for its arrays.
-json describe(const VolumeScene& scene) {
+json describe(const PreparedVolume& scene) {
   const RayGrid& grid = scene.grid;
   const TransferTable& table = grid.table;
   const bool lit = scene.lighting.mode != Lighting::direct;
@@ -115,7 +115,7 @@ json describe(const VolumeScene& scene) {
 
 /// Three texels for each entry: colour and extinction up to the next; albedo and the share of the
 /// surface; the integral of extinction before it.
-Bytes table_of(const VolumeScene& scene) {
+Bytes table_of(const PreparedVolume& scene) {
   const TransferTable& table = scene.grid.table;
   const std::vector<glm::vec4> albedos = Medium(scene.grid).albedos();
   std::vector<glm::vec4> texels;
@@ -130,7 +130,7 @@ Bytes table_of(const VolumeScene& scene) {
 }
 
 /// What is interpolated: amounts; of labels, which of them are visible.
-Bytes voxels_of(const VolumeScene& scene) {
+Bytes voxels_of(const PreparedVolume& scene) {
   const RayGrid& grid = scene.grid;
   const std::size_t count = cut().reveal.voxels.size();
   if (!grid.labels) return cut().reveal.voxels;
@@ -143,7 +143,7 @@ Bytes voxels_of(const VolumeScene& scene) {
 }
 
 /// The row of the table that each voxel uses; none: they all use the first one.
-Bytes rows_of(const VolumeScene& scene) {
+Bytes rows_of(const PreparedVolume& scene) {
   const RayGrid& grid = scene.grid;
   const auto bytes = std::as_bytes(grid.rows);
   Bytes rows(bytes.begin(), bytes.end());
@@ -173,13 +173,13 @@ Bytes light_of(const LightGrid& light) {
   return {bytes.begin(), bytes.end()};
 }
 
-Result<std::unique_ptr<VolumeScene>> scene_of(std::span<const ClipPlane> clip, bool coarse,
-                                              bool whole) {
+Result<std::unique_ptr<PreparedVolume>> scene_of(std::span<const ClipPlane> clip, bool coarse,
+                                                 bool whole) {
   CapOptions asked;
   asked.coarse_light = coarse;
   auto settings = SLF_TRY(cap_settings(cut().reveal, cut().provenance, clip, asked));
   if (whole) settings.options.parts.only.clear();
-  return make_volume_scene(std::move(settings.volume), settings.transfer, settings.options);
+  return prepare_volume(std::move(settings.volume), settings.transfer, settings.options);
 }
 
 Result<void> begin() {

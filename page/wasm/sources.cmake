@@ -23,7 +23,7 @@ set(SLF_CUT_SOURCES
   source/transfer/transfer_json.cc source/transfer/transfer_labels.cc
   codec/brick_volume.cc field/reveal/reveal.cc base/content_hash.cc
   source/raycast/cap_settings.cc source/raycast/provenance.cc source/raycast/volume_parts.cc
-  source/raycast/volume_scene.cc source/raycast/raycaster_kernel.cc
+  source/raycast/prepared_volume.cc source/raycast/raycaster_kernel.cc
   source/light/illumination.cc source/light/light_volume.cc source/light/light_depth.cc
   source/light/light_filter.cc source/light/light_rig.cc
   source/medium/medium.cc source/medium/medium_kernel.cc source/medium/transfer_table.cc

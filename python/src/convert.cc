@@ -41,7 +41,8 @@ py::object tuple_of(const Sphere& sphere) {
 
 py::object tuple_of(const FieldShape& shape) {
   return tuple_named("Shape", tuple_of(shape.sphere), shape.entry_side, shape.exit_side,
-                     shape.levels, shape.entry_extra_levels, py::tuple(py::cast(shape.subfields)));
+                     shape.finest_level, shape.entry_extra_levels,
+                     py::tuple(py::cast(shape.subfields)));
 }
 
 ToneMapping tone_of(const ToneTuple& tuple) {

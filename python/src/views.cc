@@ -106,7 +106,7 @@ py::object export_field(const Text& field, const Text& output, const py::object&
   Text title, url;
   bool force = false;
   read(given, "states", states, "codec", options.repack.codec, "depth", options.repack.depth,
-       "reveal", options.repack.reveal, "finest_level", options.repack.levels, "threads",
+       "reveal", options.repack.reveal, "finest_level", options.repack.finest_level, "threads",
        options.repack.threads, "max_size", options.max_size, "title", title, "url", url, "force",
        force);
   options.states.assign(states.begin(), states.end());

@@ -51,7 +51,7 @@ py::object build(const Recipe& recipe, const Scenes& scenes, const Text& path, p
 py::object repack(const std::vector<std::pair<const OpenField*, Texts>>& fields, const Text& path,
                   py::object progress, const py::kwargs& given) {
   RepackOptions options;
-  read(given, "codec", options.codec, "depth", options.depth, "finest_level", options.levels,
+  read(given, "codec", options.codec, "depth", options.depth, "finest_level", options.finest_level,
        "subfields", options.subfields, "half", options.half, "light", options.light, "reveal",
        options.reveal, "memory", options.memory, "threads", options.threads, "force",
        options.replace);

@@ -74,8 +74,8 @@ void MeshBuilder::add_file(const std::string& file) {
   if (std::ranges::find(mesh_.files, file) == mesh_.files.end()) mesh_.files.push_back(file);
 }
 
-std::optional<std::string> MeshBuilder::locate(const std::string& reference,
-                                               const std::string& folder) {
+std::optional<std::string> MeshBuilder::find_file(const std::string& reference,
+                                                  const std::string& folder) {
   for (const std::string& from : {folder, std::string()})
     for (const std::string& name : {reference, decode_percent(reference)})
       if (auto found = finder_.find(name, from)) return found;
@@ -83,7 +83,7 @@ std::optional<std::string> MeshBuilder::locate(const std::string& reference,
 }
 
 Result<Bytes> MeshBuilder::read(const std::string& what, const std::string& reference) {
-  if (const auto found = locate(reference)) return read(*found);
+  if (const auto found = find_file(reference)) return read(*found);
   return missing(what, reference);
 }
 
@@ -95,7 +95,7 @@ tl::unexpected<Error> MeshBuilder::missing(const std::string& what,
 }
 
 Result<std::size_t> MeshBuilder::texture(const std::string& reference, const std::string& folder) {
-  const auto found = locate(reference, folder);
+  const auto found = find_file(reference, folder);
   if (!found) return missing("texture", reference);
   const std::string& file = *found;
   if (const auto known = textures_.find(file); known != textures_.end()) return known->second;

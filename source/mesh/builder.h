@@ -49,8 +49,8 @@ class MeshBuilder {
   /// The path of a file that a mesh names; `folder`, relative to the mesh's own, is that of the
   /// file with the name. Only regular files in the mesh's folder, beside that folder, or below
   /// either; none that is hidden. As FileFinder finds them.
-  [[nodiscard]] std::optional<std::string> locate(const std::string& reference,
-                                                  const std::string& folder = "");
+  [[nodiscard]] std::optional<std::string> find_file(const std::string& reference,
+                                                     const std::string& folder = "");
   void add_file(const std::string& file);
 
   /// The index in Mesh::textures of a picture. Files are decoded once. io: it is missing.

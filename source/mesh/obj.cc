@@ -204,10 +204,10 @@ class ObjReader {
 
   /// One name, which may have blanks, or several.
   Result<void> read_library(const std::string& names) {
-    if (const auto found = to_.locate(names)) return read_materials(*found);
+    if (const auto found = to_.find_file(names)) return read_materials(*found);
     std::string_view rest = names;
     for (std::string_view name = next_word(rest); !name.empty(); name = next_word(rest))
-      if (const auto found = to_.locate(std::string(name)))
+      if (const auto found = to_.find_file(std::string(name)))
         SLF_TRY(read_materials(*found));
       else
         to_.note("its material file " + std::string(name) + " is missing");

@@ -107,7 +107,7 @@ Part part_with_object(const SmallView& view) {
 /// Sweeps one view. The result has 0 where nothing is found.
 class Sweep {
  public:
-  Sweep(const Sphere& sphere, const Surface* hull, const std::vector<SmallView>& views,
+  Sweep(const Sphere& sphere, const DistanceField* hull, const std::vector<SmallView>& views,
         std::size_t number)
       : sphere_(sphere),
         hull_(hull != nullptr),
@@ -154,7 +154,7 @@ class Sweep {
 
  private:
   /// The depths at which each pixel's ray may meet the object.
-  void set_ranges(const Surface* hull) {
+  void set_ranges(const DistanceField* hull) {
     nearest_ = 1e300, farthest_ = 0;
     for (std::uint32_t y = 0; y < view_.height; ++y)
       for (std::uint32_t x = 0; x < view_.width; ++x) {
@@ -167,7 +167,7 @@ class Sweep {
         if (hull) {
           const glm::dvec3 from = view_.eye + enter * way, to = view_.eye + leave * way;
           const auto front = hull->meet(from, to), back = hull->meet(to, from);
-          if (front.kind == Surface::Meeting::Kind::none) continue;
+          if (front.kind == DistanceField::Meeting::Kind::none) continue;
           const double margin = 2 * hull->voxel();
           const double first = enter + front.t * (leave - enter) - margin,
                        last = leave - back.t * (leave - enter) + margin;
@@ -309,7 +309,7 @@ std::uint64_t sweep_bytes(const SmallView& view) {
 
 }  // namespace
 
-Result<void> estimate_depth(const Sphere& sphere, const Surface* hull, unsigned threads,
+Result<void> estimate_depth(const Sphere& sphere, const DistanceField* hull, unsigned threads,
                             std::uint64_t memory, const ProgressCallback& progress,
                             std::vector<SmallView>& views) {
   std::uint64_t largest = 1;

@@ -310,7 +310,7 @@ const char* name_of(DepthKind kind) {
 }
 
 /// Depths of all views by comparing them, or from an earlier run.
-Result<void> find_depths(const Sphere& sphere, const Surface* hull,
+Result<void> find_depths(const Sphere& sphere, const DistanceField* hull,
                          const PictureSceneOptions& options, std::vector<SmallView>& views) {
   const std::string& cache = options.depth_cache;
   const auto estimate = [&] {
@@ -359,14 +359,14 @@ Result<Prepared> prepare_pictures(PictureSet set, const PictureSceneOptions& opt
                 "pictures belong together, and the sphere");
   };
   if (!options.sphere && loaded.masks) {
-    Surface coarse(guess, 96);
+    DistanceField coarse(guess, 96);
     SLF_TRY(carve(loaded.views, options.threads, coarse));
     sphere = coarse.bounds();
     if (sphere.radius == 0) return empty();
   }
-  Surface surface(sphere, options.voxels);
+  DistanceField surface(sphere, options.voxels);
   SLF_TRY(carve(loaded.views, options.threads, surface));
-  std::optional<Surface> hull;
+  std::optional<DistanceField> hull;
   std::string depth = "silhouettes";
   if (loaded.depths) {
     depth = name_of(loaded.kind);

@@ -10,7 +10,7 @@
 #include "base/bytes.h"
 #include "slf/image.h"
 #include "slf/pictures.h"
-#include "source/pictures/surface.h"
+#include "source/pictures/distance_field.h"
 #include "source/pictures/views.h"
 
 namespace slf {
@@ -36,9 +36,9 @@ struct Prepared {
   PictureSet set;  ///< without those that are held out
   Loaded loaded;   ///< a view for each picture; their depths may be empty
   Sphere sphere;
-  Surface surface;
-  std::optional<Surface> hull;  ///< the silhouettes', if depths were estimated within it
-  std::string depth;            ///< as DepthSheet::source
+  DistanceField surface;
+  std::optional<DistanceField> hull;  ///< the silhouettes', if depths were estimated within it
+  std::string depth;                  ///< as DepthSheet::source
 };
 
 /// Errors as make_picture_scene().

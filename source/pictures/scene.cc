@@ -197,7 +197,7 @@ class PictureScene final : public Scene {
   }
 
   [[nodiscard]] RaySample trace_object(const Segment& ray, Held& held) const {
-    using Kind = Surface::Meeting::Kind;
+    using Kind = DistanceField::Meeting::Kind;
     auto meeting = surface_.meet(ray.from, ray.to);
     if (meeting.kind == Kind::none) meeting = pass_through_hull(ray);
     if (meeting.kind == Kind::none) return {};
@@ -216,15 +216,15 @@ class PictureScene final : public Scene {
 
   /// Estimated depths err, so what pictures show at the object's rim and where depths are wrong may
   /// lie outside their surface. It is within the hull: in its middle, if the ray only grazes it.
-  [[nodiscard]] Surface::Meeting pass_through_hull(const Segment& ray) const {
+  [[nodiscard]] DistanceField::Meeting pass_through_hull(const Segment& ray) const {
     constexpr double kDeepest = 12;  // voxels
     if (!hull_) return {};
     const auto front = hull_->meet(ray.from, ray.to);
-    if (front.kind != Surface::Meeting::Kind::hit) return {};
+    if (front.kind != DistanceField::Meeting::Kind::hit) return {};
     const auto back = hull_->meet(ray.to, ray.from);
     const double deepest = kDeepest * hull_->voxel() / glm::distance(ray.from, ray.to);
     const double half = std::max(0.0, 1 - back.t - front.t) / 2;
-    return {Surface::Meeting::Kind::near, front.t + std::min(half, deepest)};
+    return {DistanceField::Meeting::Kind::near, front.t + std::min(half, deepest)};
   }
 
   /// The colour of the point at `t`, from the pictures in the nearest directions that have one.
@@ -331,8 +331,8 @@ class PictureScene final : public Scene {
 
   PictureSet set_;
   Sphere sphere_;
-  Surface surface_;
-  std::optional<Surface> hull_;
+  DistanceField surface_;
+  std::optional<DistanceField> hull_;
   bool keep_background_;
   std::string provenance_;
   CameraIndex index_;

@@ -63,7 +63,7 @@ SmallView make_small_view(const Picture& picture, const Image& image, std::uint3
   return view;
 }
 
-Result<void> carve(const std::vector<SmallView>& views, unsigned threads, Surface& surface) {
+Result<void> carve(const std::vector<SmallView>& views, unsigned threads, DistanceField& surface) {
   const std::uint32_t side = surface.side();
   const auto whole = std::ranges::count_if(views, &SmallView::whole);
   auto done = parallel_for(side, threads, [&](std::uint64_t z) {
@@ -101,9 +101,9 @@ Result<void> carve(const std::vector<SmallView>& views, unsigned threads, Surfac
 }
 
 Result<void> fuse(const std::vector<SmallView>& views, bool hull, double hull_weight,
-                  unsigned threads, Surface& surface) {
+                  unsigned threads, DistanceField& surface) {
   const std::uint32_t side = surface.side();
-  const double reach = Surface::kTruncation * surface.voxel();
+  const double reach = DistanceField::kTruncation * surface.voxel();
   auto done = parallel_for(side, threads, [&](std::uint64_t z) {
     for (std::uint32_t y = 0; y < side; ++y)
       for (std::uint32_t x = 0; x < side; ++x) {

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "slf/pictures.h"
-#include "source/pictures/surface.h"
+#include "source/pictures/distance_field.h"
 
 namespace slf {
 
@@ -48,14 +48,14 @@ struct SmallView {
 /// it, if these are a quarter of all. Views whose silhouettes are whole also show what is not the
 /// object beside their pictures: a third of them suffice, as single ones may show a part only.
 [[nodiscard]] Result<void> carve(const std::vector<SmallView>& views, unsigned threads,
-                                 Surface& surface);
+                                 DistanceField& surface);
 
 /// Fills `depth` of each view by comparing it with views from nearby directions (plane sweep):
 /// of the 8 nearest, the half that agrees best counts, so that occlusion does not spoil it. Only
 /// depths remain that those of other views confirm and, with a hull, no other depth is as likely
 /// as; `confirmed` counts these. Searches within the sphere, behind the hull if `hull` is given.
 /// So many threads search at a time as `memory` has room for, at least one.
-[[nodiscard]] Result<void> estimate_depth(const Sphere& sphere, const Surface* hull,
+[[nodiscard]] Result<void> estimate_depth(const Sphere& sphere, const DistanceField* hull,
                                           unsigned threads, std::uint64_t memory,
                                           const ProgressCallback& progress,
                                           std::vector<SmallView>& views);
@@ -69,6 +69,6 @@ struct SmallView {
 /// where that is further inside than the value so far. With `hull`, what no depth is known of
 /// stays as it is, and its value counts as that many depths; else it becomes empty.
 [[nodiscard]] Result<void> fuse(const std::vector<SmallView>& views, bool hull, double hull_weight,
-                                unsigned threads, Surface& surface);
+                                unsigned threads, DistanceField& surface);
 
 }  // namespace slf

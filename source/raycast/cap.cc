@@ -5,7 +5,7 @@
 #include "slf/cut.h"
 #include "slf/raycaster.h"
 #include "source/raycast/cap_settings.h"
-#include "source/raycast/volume_scene.h"
+#include "source/raycast/prepared_volume.h"
 
 namespace slf {
 namespace {

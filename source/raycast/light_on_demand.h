@@ -8,18 +8,18 @@
 #include <span>
 
 #include "source/light/light_volume.h"
-#include "source/raycast/volume_scene.h"
+#include "source/raycast/prepared_volume.h"
 
 namespace slf {
 
-[[nodiscard]] inline LightGrid plan_of(const VolumeScene& scene) {
+[[nodiscard]] inline LightGrid plan_of(const PreparedVolume& scene) {
   return plan_light(scene.grid, illuminate(scene.lighting, scene.bounds), scene.lighting);
 }
 
 /// Thread-safety: any thread, except prepare(). The scene must outlive it.
 class LightOnDemand {
  public:
-  LightOnDemand(VolumeScene& scene, unsigned threads)
+  LightOnDemand(PreparedVolume& scene, unsigned threads)
       : scene_(scene),
         medium_(scene.grid),
         illumination_(illuminate(scene.lighting, scene.bounds)),
@@ -51,7 +51,7 @@ class LightOnDemand {
   }
 
  private:
-  VolumeScene& scene_;
+  PreparedVolume& scene_;
   const Medium medium_;
   const Illumination illumination_;
   LightComputer computer_;

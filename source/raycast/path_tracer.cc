@@ -10,19 +10,19 @@
 #include "base/try.h"
 #include "source/light/illumination.h"
 #include "source/medium/medium.h"
-#include "source/raycast/volume_scene.h"
+#include "source/raycast/prepared_volume.h"
 
 namespace slf {
 
 struct PathTracer::State {
-  explicit State(std::unique_ptr<VolumeScene> s, const PathTraceOptions& p)
+  explicit State(std::unique_ptr<PreparedVolume> s, const PathTraceOptions& p)
       : scene(std::move(s)),
         medium(scene->grid),
         illumination(illuminate(scene->lighting, scene->bounds)),
         tone(scene->lighting.tone),
         paths(p) {}
 
-  std::unique_ptr<VolumeScene> scene;
+  std::unique_ptr<PreparedVolume> scene;
   Medium medium;
   Illumination illumination;
   ToneMapper tone;
@@ -83,7 +83,7 @@ Result<std::unique_ptr<PathTracer>> PathTracer::make(Volume volume,
                 "path tracing: direct light has no model of light transport; "
                 "choose shadowed or global");
   if (paths.samples == 0) return fail(ErrorCode::usage, "path tracing: 0 samples: expected 1");
-  auto scene = SLF_TRY(make_volume_scene(std::move(volume), transfer, options));
+  auto scene = SLF_TRY(prepare_volume(std::move(volume), transfer, options));
   return std::unique_ptr<PathTracer>(
       new PathTracer(std::make_unique<State>(std::move(scene), paths)));
 } catch (...) {

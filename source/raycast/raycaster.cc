@@ -19,8 +19,8 @@
 #include "source/light/light_volume.h"
 #include "source/medium/visible_space.h"
 #include "source/raycast/light_on_demand.h"
+#include "source/raycast/prepared_volume.h"
 #include "source/raycast/provenance.h"
-#include "source/raycast/volume_scene.h"
 
 namespace slf {
 
@@ -35,7 +35,7 @@ namespace slf {
 /// Light is computed of all of `scene`. If rays see a part of that, or it shares another light, it
 /// is computed as a whole: `on_demand` is null.
 struct LitScene {
-  std::shared_ptr<VolumeScene> scene;
+  std::shared_ptr<PreparedVolume> scene;
   std::optional<LightVolumeOptions> pending;   // until the light volume is computed
   bool hidden;                                 // rays see parts of it alone: it serves the light
   std::mutex preparing{};                      // guards all, and shown->grid of scenes
@@ -59,10 +59,10 @@ struct LitScene {
 
 struct Raycaster::State {
   std::shared_ptr<LitScene> lit;
-  std::unique_ptr<VolumeScene> shown;  // what of it rays see; null: all
-  std::optional<ToneMapper> tone;      // none: samples are not mapped
+  std::unique_ptr<PreparedVolume> shown;  // what of it rays see; null: all
+  std::optional<ToneMapper> tone;         // none: samples are not mapped
 
-  [[nodiscard]] const VolumeScene& seen() const { return shown ? *shown : *lit->scene; }
+  [[nodiscard]] const PreparedVolume& seen() const { return shown ? *shown : *lit->scene; }
 
   /// Null: the light volume is complete, or there is none.
   [[nodiscard]] Result<LightOnDemand*> light_on_demand() {
@@ -100,7 +100,7 @@ std::optional<LightGrid> saved_light(const std::string& path, const std::string&
 }
 
 /// The light volume of a scene, read from options.file if that has it, else computed.
-Result<LightGrid> light_of(const VolumeScene& scene, const Medium& medium,
+Result<LightGrid> light_of(const PreparedVolume& scene, const Medium& medium,
                            const LightVolumeOptions& options) {
   const std::string key = light_key(scene.provenance);
   if (!options.file.empty())
@@ -135,7 +135,7 @@ constexpr float kOpened = 0.25f, kOpen = 1;
 /// small hole is not deep, but dark. That much light reaches every node in other ways.
 constexpr float kBrightened = 1.1f, kBright = 1.4f, kAnyway = 0.005f;
 
-json without_cuts(const VolumeScene& scene) {
+json without_cuts(const PreparedVolume& scene) {
   json key = json::parse(light_key(scene.provenance));
   for (const std::string_view cut : kCuts) key.erase(std::string(cut));
   return key;
@@ -155,7 +155,7 @@ void blend(std::uint8_t* node, const std::uint8_t* own, float share) {
 /// usage: `scene` cannot have the light of `from`, because they differ by more than planes that
 /// clip, structures, the step and the tone, or `scene` shows matter outside of the box of that
 /// light.
-Result<void> check_shared_light(const VolumeScene& scene, const VolumeScene& from) {
+Result<void> check_shared_light(const PreparedVolume& scene, const PreparedVolume& from) {
   const json difference = json::diff(without_cuts(from), without_cuts(scene));
   if (!difference.empty())
     return fail(ErrorCode::usage, "scenes of one light differ only by what is cut away, but ",
@@ -182,8 +182,8 @@ std::string with_light_of(const std::string& provenance, const std::string& from
 /// deep below what can be seen than in `from`, get the light of `scene` itself: where that is not
 /// so, they would be black. In between, both are blended. All others keep their bytes. REQUIRES:
 /// check_shared_light(). Errors as LightComputer.
-Result<LightGrid> shared_light(const LightGrid& lit, const VolumeScene& from,
-                               const VolumeScene& scene, const Medium& medium, unsigned threads,
+Result<LightGrid> shared_light(const LightGrid& lit, const PreparedVolume& from,
+                               const PreparedVolume& scene, const Medium& medium, unsigned threads,
                                const ProgressCallback& progress) {
   const Illumination illumination = illuminate(from.lighting, from.bounds);
   LightComputer computer(medium, illumination, scene.lighting,
@@ -225,19 +225,19 @@ Result<std::unique_ptr<Raycaster>> Raycaster::make(Volume volume, const Transfer
   const LightOptions& lighting = options.lighting;
   const bool lit = lighting.mode != Lighting::direct;
   if (lit && !light_volume.file.empty()) SLF_TRY(check_light_file(light_volume.file));
-  std::unique_ptr<VolumeScene> shown;
+  std::unique_ptr<PreparedVolume> shown;
   RaycastOptions all = options;
   std::shared_ptr<LitScene> own;
   std::shared_ptr<LitScene>* scene = &own;
   if (!options.parts.only.empty()) {
     volume.share();
-    shown = SLF_TRY(make_volume_scene(volume, transfer, options));
+    shown = SLF_TRY(prepare_volume(volume, transfer, options));
     all.parts.only.clear();
     if (options.shared)
       scene = &options.shared->lit[describe(volume, transfer, all) + light_volume.file];
   }
   if (!*scene) {
-    auto made = SLF_TRY(make_volume_scene(std::move(volume), transfer, all));
+    auto made = SLF_TRY(prepare_volume(std::move(volume), transfer, all));
     *scene = std::shared_ptr<LitScene>(new LitScene{
         std::move(made), lit ? std::optional(light_volume) : std::nullopt, shown != nullptr});
     if (!lit && shown) (*scene)->scene->grid = {};
@@ -264,7 +264,7 @@ Result<void> Raycaster::prepare() const try {
                                   : light_of(*lit.scene, medium, options));
     lit.adopt(std::move(light), medium);
   }
-  if (VolumeScene* shown = state_->shown.get(); shown && shown->grid.light_volume != lit.light) {
+  if (PreparedVolume* shown = state_->shown.get(); shown && shown->grid.light_volume != lit.light) {
     shown->grid.table.albedos = Medium(shown->grid).albedos();
     shown->grid.light_volume = lit.light;
   }
@@ -284,7 +284,7 @@ Result<void> Raycaster::share_light(std::shared_ptr<const Scene> from) const try
   if (source->state_->shown)
     return fail(ErrorCode::usage, "the other scene shows just some labels");
   SLF_TRY(check_shared_light(*lit->scene, *source->state_->lit->scene));
-  VolumeScene* const shown = state_->shown.get();
+  PreparedVolume* const shown = state_->shown.get();
   std::string& provenance = (shown ? shown : lit->scene.get())->provenance;
   provenance = with_light_of(provenance, source->provenance());
   // Scenes of other labels keep their light.
@@ -365,7 +365,7 @@ RayCounts Raycaster::trace_counted(std::span<const Segment> rays, std::span<RayS
   return counts;
 }
 
-const VolumeScene& Raycaster::volume_scene() const { return state_->seen(); }
+const PreparedVolume& Raycaster::prepared() const { return state_->seen(); }
 std::string Raycaster::provenance() const { return state_->seen().provenance; }
 std::vector<std::string> Raycaster::files() const {
   std::vector<std::string> files = state_->lit->scene->volume.files;

@@ -9,8 +9,8 @@
 #include "base/parallel.h"
 #include "base/try.h"
 #include "slf/cut.h"
+#include "source/raycast/prepared_volume.h"
 #include "source/raycast/provenance.h"
-#include "source/raycast/volume_scene.h"
 
 namespace slf {
 namespace {
@@ -77,7 +77,7 @@ std::size_t voxel_near(const Volume& volume, const Grid& grid, std::uint32_t x, 
 }
 
 /// The means of a volume's amounts, as bytes of the reveal.
-Result<void> resample(const VolumeScene& scene, const Grid& grid, unsigned threads, Reveal& to) {
+Result<void> resample(const PreparedVolume& scene, const Grid& grid, unsigned threads, Reveal& to) {
   const Samples &sx = grid[0], &sy = grid[1], &sz = grid[2];
   const std::size_t width = scene.volume.dims[0], rows = scene.volume.dims[1];
   const double scale = 255 / (to.high - to.low);
@@ -130,7 +130,7 @@ std::array<double, 2> shown_range(const TransferFunction& transfer,
 struct Visible {
   std::array<bool, 256> bytes{}, parts{};
 
-  void add_amounts(const VolumeScene& scene, const Reveal& reveal) {
+  void add_amounts(const PreparedVolume& scene, const Reveal& reveal) {
     const double width = (reveal.high - reveal.low) / 255;
     const auto entry = [&](double byte) {
       const double value = reveal.low + byte * width;
@@ -173,12 +173,12 @@ void leave_out_hidden(const Visible& visible, Reveal& reveal) {
 }
 
 /// The structures of voxels, and which are visible. Those of other scenes have the same ids.
-Result<void> copy_parts(std::span<const VolumeScene* const> scenes, const Grid& grid,
+Result<void> copy_parts(std::span<const PreparedVolume* const> scenes, const Grid& grid,
                         unsigned threads, Visible& visible, Reveal& to) {
-  const VolumeScene& first = *scenes.front();
+  const PreparedVolume& first = *scenes.front();
   to.part_ids = first.grid.parts->ids;
   to.masked = first.grid.visible_rows.size() > to.part_ids.size() + 1;
-  for (const VolumeScene* scene : scenes) {
+  for (const PreparedVolume* scene : scenes) {
     const std::vector<double>& ids = scene->grid.parts->ids;
     for (std::size_t part = 0; part <= to.part_ids.size(); ++part) {
       const auto found = std::ranges::find(ids, part == 0 ? 0.0 : to.part_ids[part - 1]);
@@ -194,10 +194,10 @@ Result<void> copy_parts(std::span<const VolumeScene* const> scenes, const Grid& 
 
 /// The ids of a volume of labels as bytes; all that are hidden, if they are to be left out, as one.
 /// Returns the byte of a hidden one, if there is one.
-Result<std::optional<std::uint8_t>> copy_labels(std::span<const VolumeScene* const> scenes,
+Result<std::optional<std::uint8_t>> copy_labels(std::span<const PreparedVolume* const> scenes,
                                                 const Grid& grid, bool all, unsigned threads,
                                                 Reveal& to) {
-  const VolumeScene& first = *scenes.front();
+  const PreparedVolume& first = *scenes.front();
   std::map<std::size_t, std::uint8_t> bytes;  // by number of the label
   std::optional<std::uint8_t> hidden;
   const auto stored = [&](std::uint32_t x, std::uint32_t y, std::uint64_t z) {
@@ -210,8 +210,9 @@ Result<std::optional<std::uint8_t>> copy_labels(std::span<const VolumeScene* con
   SLF_TRY(for_each_voxel(grid, 1, [&](std::size_t, auto x, auto y, auto z) {
     const std::size_t label = stored(x, y, z);
     if (bytes.contains(label) || !fits) return;
-    const bool shown = std::ranges::any_of(
-        scenes, [&](const VolumeScene* scene) { return scene->grid.table.extinctions[label] > 0; });
+    const bool shown = std::ranges::any_of(scenes, [&](const PreparedVolume* scene) {
+      return scene->grid.table.extinctions[label] > 0;
+    });
     const auto next = static_cast<std::uint8_t>(to.ids.size());
     if (!shown && !all && hidden) {
       bytes[label] = *hidden;
@@ -232,15 +233,15 @@ Result<std::optional<std::uint8_t>> copy_labels(std::span<const VolumeScene* con
 
 /// Gives voxels the byte `blank` that planes remove from all of the scenes, but for those next to
 /// the planes.
-Result<void> leave_out_removed(std::span<const VolumeScene* const> scenes, const Grid& grid,
+Result<void> leave_out_removed(std::span<const PreparedVolume* const> scenes, const Grid& grid,
                                std::uint8_t blank, unsigned threads, Reveal& reveal) {
-  const auto whole = [](const VolumeScene* scene) { return scene->grid.clip.empty(); };
+  const auto whole = [](const PreparedVolume* scene) { return scene->grid.clip.empty(); };
   if (std::ranges::any_of(scenes, whole)) return {};
   const double margin = 1 + std::max({grid[0].step, grid[1].step, grid[2].step});
   return for_each_voxel(grid, threads, [&](std::size_t k, auto x, auto y, auto z) {
     const glm::dvec3 at(grid[0].begin + x * grid[0].step, grid[1].begin + y * grid[1].step,
                         grid[2].begin + static_cast<double>(z) * grid[2].step);
-    const auto keeps = [&](const VolumeScene* scene) {
+    const auto keeps = [&](const PreparedVolume* scene) {
       return std::ranges::all_of(
           scene->grid.clip, [&](const GridPlane& plane) { return plane.inside(at) > -margin; });
     };
@@ -251,7 +252,7 @@ Result<void> leave_out_removed(std::span<const VolumeScene* const> scenes, const
 }  // namespace
 
 Result<Reveal> make_reveal(std::span<const Scene* const> scenes, const RevealOptions& options) try {
-  std::vector<const VolumeScene*> of;
+  std::vector<const PreparedVolume*> of;
   Reveal reveal;
   for (const Scene* scene : scenes) {
     const auto* const caster = dynamic_cast<const Raycaster*>(scene);
@@ -261,7 +262,7 @@ Result<Reveal> make_reveal(std::span<const Scene* const> scenes, const RevealOpt
                           "only volumes that are ray-cast have a reveal, of which cuts show the "
                           "inside");
     if (of.empty()) reveal.content = content;
-    if (caster && content == reveal.content) of.push_back(&caster->volume_scene());
+    if (caster && content == reveal.content) of.push_back(&caster->prepared());
   }
   if (of.empty()) return fail(ErrorCode::usage, "a reveal needs a scene");
   if (options.side < 16 || options.side > Reveal::kMaxSide)
@@ -270,11 +271,11 @@ Result<Reveal> make_reveal(std::span<const Scene* const> scenes, const RevealOpt
   if (options.window && !((*options.window)[0] < (*options.window)[1]))
     return fail_without("reveal_window", ErrorCode::usage, "reveal window ", (*options.window)[0],
                         ",", (*options.window)[1], ": expected two ascending numbers");
-  const VolumeScene& first = *of.front();
+  const PreparedVolume& first = *of.front();
   const Volume& volume = first.volume;
   // The visible box, with a voxel around it.
   glm::dvec3 low(first.grid.visible_low), high(first.grid.visible_high);
-  for (const VolumeScene* scene : of) {
+  for (const PreparedVolume* scene : of) {
     low = glm::min(low, scene->grid.visible_low);
     high = glm::max(high, scene->grid.visible_high);
   }
@@ -307,7 +308,7 @@ Result<Reveal> make_reveal(std::span<const Scene* const> scenes, const RevealOpt
       std::abs(volume.slope) / (double{first.grid.inverse_gradient_floor} * first.grid.unit);
   const auto all = volume.value_range();
   reveal.greys = {all[1], all[0]};
-  for (const VolumeScene* scene : of) {
+  for (const PreparedVolume* scene : of) {
     const auto transfer = SLF_TRY(parse_transfer(
         nlohmann::json::parse(scene->provenance).at("transfer").dump(), volume.source));
     const auto range = shown_range(transfer, all);
@@ -326,7 +327,7 @@ Result<Reveal> make_reveal(std::span<const Scene* const> scenes, const RevealOpt
     visible.bytes.fill(true), visible.parts.fill(true);
     if (reveal.masked) visible.parts[reveal.part_ids.size() + 1] = false;
   }
-  for (const VolumeScene* scene : of) visible.add_amounts(*scene, reveal);
+  for (const PreparedVolume* scene : of) visible.add_amounts(*scene, reveal);
   leave_out_hidden(visible, reveal);
   SLF_TRY(leave_out_removed(of, grid, 0, options.threads, reveal));
   return reveal;

@@ -1,5 +1,5 @@
 // The parts of a volume as rows of its table.
-#include "source/raycast/volume_scene.h"
+#include "source/raycast/prepared_volume.h"
 
 #include <algorithm>
 #include <cmath>

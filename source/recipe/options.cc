@@ -396,7 +396,7 @@ std::vector<Option> make_options() {
       "{entry} 16, four times the rays; instead of {entry}, {exit} and {finest_level}",
       [](auto& r) {
         auto& of = r.field.shape;
-        return std::tie(of.entry_side, of.exit_side, of.levels);
+        return std::tie(of.entry_side, of.exit_side, of.finest_level);
       }));
   add_rare(row("entry", kField, whole(1, FieldShape::kMaxSide),
                "Entry lattice at level 0: cells along an octsphere's edge",
@@ -407,7 +407,7 @@ std::vector<Option> make_options() {
       .excludes = "quality";
   Option& finest = add(row("finest_level", kField, whole(0, 10),
                            "Tiles at levels 0 to this; each level doubles both lattices",
-                           shape(&FieldShape::levels)));
+                           shape(&FieldShape::finest_level)));
   finest.former = "levels";
   finest.excludes = "quality";
   add_rare(row("entry_extra_levels", kField, whole(0, 10),

@@ -20,8 +20,8 @@ std::string beside(const std::string& header, std::string_view name) {
   return (std::filesystem::path(header).parent_path() / path).lexically_normal().string();
 }
 
-std::vector<std::string> TextHeader::locate(std::vector<std::string> names,
-                                            std::vector<std::string>& notes) const {
+std::vector<std::string> TextHeader::find_files(std::vector<std::string> names,
+                                                std::vector<std::string>& notes) const {
   FileFinder finder(std::filesystem::path(path).parent_path());
   for (std::string& name : names) name = finder.find(name).value_or(beside(path, name));
   if (finder.moved() > 0)

@@ -207,8 +207,8 @@ struct TextHeader {
                                                          std::size_t count) const;
   /// The paths of data files that it names, as FileFinder finds them; a note says if they were
   /// moved. Those that are nowhere are as stated.
-  [[nodiscard]] std::vector<std::string> locate(std::vector<std::string> names,
-                                                std::vector<std::string>& notes) const;
+  [[nodiscard]] std::vector<std::string> find_files(std::vector<std::string> names,
+                                                    std::vector<std::string>& notes) const;
   /// A file of voxels can be read. Errors as file_size().
   [[nodiscard]] Result<void> check_data_file(const std::string& file) const;
 };

@@ -163,8 +163,8 @@ Result<std::vector<std::string>> data_files(const TextHeader& header,
 }
 
 /// Sets where the voxels are.
-Result<void> locate(const TextHeader& header, const std::vector<std::uint64_t>& sizes,
-                    Volume& volume, VoxelData& data) {
+Result<void> find_voxels(const TextHeader& header, const std::vector<std::uint64_t>& sizes,
+                         Volume& volume, VoxelData& data) {
   const std::string& path = header.path;
   const auto binary = SLF_TRY(flag(header, "BinaryData", true));
   if (!binary)
@@ -173,7 +173,7 @@ Result<void> locate(const TextHeader& header, const std::vector<std::uint64_t>& 
   data.big_endian = SLF_TRY(flag(header, "BinaryDataByteOrderMSB", false));
   const bool local = lower_case(*header.find("ElementDataFile")) == "local";
   data.files = {path};
-  if (!local) data.files = header.locate(SLF_TRY(data_files(header, sizes)), volume.notes);
+  if (!local) data.files = header.find_files(SLF_TRY(data_files(header, sizes)), volume.notes);
   data.offset = local ? header.bytes : 0;
   SLF_TRY(header.check_data_file(data.files.front()));
   const auto skip = SLF_TRY(header.integer("HeaderSize", -1, kMaxSkip, 0));
@@ -218,7 +218,7 @@ Result<Volume> read_meta(const std::string& path, std::string_view head,
   auto data = SLF_TRY(choose_volume(sizes, static_cast<std::uint32_t>(channels), options, volume));
   SLF_TRY(set_position(header, sizes.size(), options, volume));
   SLF_TRY(read_scale(header, volume));
-  SLF_TRY(locate(header, sizes, volume, data));
+  SLF_TRY(find_voxels(header, sizes, volume, data));
   SLF_TRY(read_voxels(data, volume));
   return volume;
 }

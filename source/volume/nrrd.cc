@@ -387,12 +387,12 @@ Result<std::vector<std::string>> data_files(const TextHeader& header, const std:
 }
 
 /// Finds the voxels. `axes`: all of them, as in the header.
-Result<void> locate(const TextHeader& header, const std::vector<Axis>& axes, Volume& volume,
-                    VoxelData& data) {
+Result<void> find_voxels(const TextHeader& header, const std::vector<Axis>& axes, Volume& volume,
+                         VoxelData& data) {
   data.files = {header.path};
   data.offset = header.bytes;
   if (const auto* text = header.find("datafile")) {
-    data.files = header.locate(SLF_TRY(data_files(header, *text, axes)), volume.notes);
+    data.files = header.find_files(SLF_TRY(data_files(header, *text, axes)), volume.notes);
     data.offset = 0;
   }
   data.packing = SLF_TRY(parse_packing(header));
@@ -459,7 +459,7 @@ Result<Volume> read_nrrd(const std::string& path, std::string_view head,
 
   if (const auto* unit = header.find("sampleunits")) volume.value_unit = trim(*unit, " \"");
 
-  SLF_TRY(locate(header, all_axes, volume, data));
+  SLF_TRY(find_voxels(header, all_axes, volume, data));
   SLF_TRY(read_voxels(data, volume));
   return volume;
 }

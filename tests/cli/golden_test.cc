@@ -85,10 +85,10 @@ BuildOptions options_for(const std::string& name) {
   options.half = name == "half" || name == "predicted_half";
   if (name == "deep") {
     options.shape.entry_side = 2, options.shape.entry_extra_levels = 1;
-    options.shape.levels = 0;
+    options.shape.finest_level = 0;
   }
   if (name == "subfields" || name == "example")
-    options.shape.entry_side = 4, options.shape.levels = 0;
+    options.shape.entry_side = 4, options.shape.finest_level = 0;
   if (name == "example") options.shape.exit_side = 2;
   if (name == "predictive" || name == "fitted" || name == "lossless" || name == "predicted_half") {
     options.shape.entry_side = 2, options.shape.exit_side = 4;

@@ -56,7 +56,7 @@ inline BuildOptions lossless_options(std::uint32_t entry, std::uint32_t exit, un
   options.shape.sphere.radius = 0;
   options.shape.entry_side = entry;
   options.shape.exit_side = exit;
-  options.shape.levels = levels;
+  options.shape.finest_level = levels;
   options.codec = "zstd:1";
   options.threads = 2;
   return options;

@@ -14,7 +14,7 @@ Manifest example() {
   manifest.shape.sphere = {{1.5, -2, 3}, 98.25};
   manifest.shape.entry_side = 16;
   manifest.shape.exit_side = 24;
-  manifest.shape.levels = 3;
+  manifest.shape.finest_level = 3;
   manifest.shape.entry_extra_levels = 2;
   manifest.format = SampleFormat::rgba8_depth8;
   manifest.codec = "jpeg:75";

@@ -57,7 +57,7 @@ void draw(const Field& field) {
   options.memory = 1u << 20;
   Renderer renderer(field, options);
   ViewOptions view;
-  view.level = field.shape().levels;
+  view.level = field.shape().finest_level;
   for (const RenderMode mode : {RenderMode::nearest, default_mode(field), RenderMode::depth}) {
     view.mode = mode;
     (void)renderer.render(camera, view);
@@ -69,8 +69,9 @@ void use(const std::string& path) {
     const auto field = Field::open(path);
     if (!field) return;
     const FieldShape& shape = field->shape();
-    if (shape.max_tile_samples() > kMaxSamples || shape.tiles(shape.levels) > 1u << 14 ||
-        shape.entry_resolution(shape.levels) > 64 || shape.exit_resolution(shape.levels) > 256)
+    if (shape.max_tile_samples() > kMaxSamples || shape.tiles(shape.finest_level) > 1u << 14 ||
+        shape.entry_resolution(shape.finest_level) > 64 ||
+        shape.exit_resolution(shape.finest_level) > 256)
       return;
     (void)field->content();
     std::uint64_t bad = decode_all(*field);

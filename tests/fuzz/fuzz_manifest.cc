@@ -24,7 +24,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   }
   const slf::FieldShape& shape = manifest->shape;
   require(shape.check().has_value());
-  for (unsigned level = 0; level <= shape.levels; ++level)
+  for (unsigned level = 0; level <= shape.finest_level; ++level)
     require(shape.tiles(level) > 0 && shape.slabs(level) > 0);
   const auto again = slf::Manifest::parse(manifest->to_json()->dump(), "x.slf");
   require(again.has_value() && again->to_json() == manifest->to_json());

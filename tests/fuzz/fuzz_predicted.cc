@@ -36,9 +36,9 @@ Lattices make(unsigned choice) {
   made.shape.entry_side = 1u << choice % 3;
   made.shape.exit_side = 2u << choice / 3 % 3;
   made.shape.entry_extra_levels = choice / 9 % 2 && choice % 3 ? 1 : 0;
-  made.shape.levels = 2;
+  made.shape.finest_level = 2;
   require(made.shape.check().has_value());
-  for (unsigned level = 0; level <= made.shape.levels; ++level)
+  for (unsigned level = 0; level <= made.shape.finest_level; ++level)
     made.levels.push_back(std::make_unique<LevelGeometry>(made.shape, level));
   return made;
 }
@@ -65,7 +65,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     return geometry(key.level).tile(sections.entry.index, settings.format).bytes();
   };
   const codec::PredictiveCodec codec(settings,
-                                     codec::predictive_tables(settings, made.shape.levels));
+                                     codec::predictive_tables(settings, made.shape.finest_level));
   const unsigned state = data[0] < 128 ? 0 : 1;
   const TileCoder tiles(made.shape, settings.format, codec, geometry, state > 0, state > 0);
   TileKey key{static_cast<std::uint8_t>(data[1] / 2 % 3), 0};

@@ -251,7 +251,7 @@ TEST_F(FailingAllocations, Repack) {
   const auto files = folder_->files();
   for (const char* codec : {"", "predictive:50", "zstd:1"}) {
     RepackOptions options;
-    options.codec = codec, options.levels = 0, options.memory = 1 << 20, options.threads = 1;
+    options.codec = codec, options.finest_level = 0, options.memory = 1 << 20, options.threads = 1;
     run(
         {.makes_json = true},
         [&]() -> Result<void> {

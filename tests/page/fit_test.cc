@@ -56,14 +56,14 @@ TEST_F(Fit, AFieldThatFitsKeepsItsCodecs) {
 TEST_F(Fit, QualityIsReducedBeforeLevels) {
   const auto smaller = fit(field_->file_bytes() * 2 / 3);
   ASSERT_TRUE(smaller) << error_;
-  EXPECT_EQ(smaller->shape().levels, 1u);
+  EXPECT_EQ(smaller->shape().finest_level, 1u);
   EXPECT_TRUE(smaller->codec().starts_with("predictive:")) << smaller->codec();
 }
 
 TEST_F(Fit, NothingIsWrittenThatTheEstimateSaysIsTooLarge) {
   const auto smallest = fit(120'000);
   ASSERT_TRUE(smallest) << error_;
-  EXPECT_EQ(smallest->shape().levels, 0u);
+  EXPECT_EQ(smallest->shape().finest_level, 0u);
   EXPECT_EQ(repacks_, 0);
 }
 
@@ -83,19 +83,19 @@ TEST_F(Fit, HalfFloatsLoseQualityOnlyWithDepth) {
     ASSERT_TRUE(smaller) << error_;
     // jpeg, which would hold colour alone, holds no half floats.
     EXPECT_EQ(smaller->codec().starts_with("predictive:"), depth) << smaller->codec();
-    EXPECT_EQ(smaller->shape().levels, depth ? 1u : 0u);
+    EXPECT_EQ(smaller->shape().finest_level, depth ? 1u : 0u);
     std::filesystem::remove(folder_ / "half.slf");
   }
 }
 
 TEST_F(Fit, WhatTheOptionsFixStays) {
   RepackOptions options;
-  options.levels = 1;
+  options.finest_level = 1;
   options.codec = "jpeg:50";
   EXPECT_FALSE(fit(1000, options));
   const auto larger = fit(field_->file_bytes(), options);
   ASSERT_TRUE(larger) << error_;
-  EXPECT_EQ(larger->shape().levels, 1u);
+  EXPECT_EQ(larger->shape().finest_level, 1u);
   EXPECT_EQ(larger->codec(), "jpeg:50");
 }
 

@@ -76,7 +76,7 @@ void hash_field(const char* path) {
   const Manifest manifest =
       expect(Manifest::parse({reinterpret_cast<const char*>(text.data()), text.size()}, path));
   std::vector<std::unique_ptr<LevelGeometry>> levels;
-  for (unsigned level = 0; level <= manifest.shape.levels; ++level)
+  for (unsigned level = 0; level <= manifest.shape.finest_level; ++level)
     levels.push_back(std::make_unique<LevelGeometry>(manifest.shape, level));
   const auto geometry = [&](unsigned level) -> const LevelGeometry& { return *levels[level]; };
 
@@ -91,7 +91,7 @@ void hash_field(const char* path) {
     for (const TileKey reference : references) from.push_back({reference, decoded.at(reference)});
     return from;
   };
-  for (unsigned level = 0; level <= manifest.shape.levels; ++level)
+  for (unsigned level = 0; level <= manifest.shape.finest_level; ++level)
     for (std::uint64_t index = 0; index < manifest.shape.tiles(level); ++index) {
       const TileKey key{static_cast<std::uint8_t>(level), index};
       const auto tile = expect(fetch([&] { return store.find(key); }));

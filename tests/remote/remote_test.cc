@@ -96,7 +96,7 @@ void build_states(const std::string& file, FieldShape shape, unsigned levels) {
   BuildOptions options;
   options.shape = std::move(shape);
   options.shape.states = 1;
-  options.shape.levels = levels;
+  options.shape.finest_level = levels;
   ASSERT_TRUE(build_field(states, file, options));
 }
 

@@ -283,7 +283,7 @@ TEST_F(PredictiveField, AnEqualRepackAndFewerLevelsCopy) {
   EXPECT_EQ(all_tiles(*open("b.slf")), tiles);
 
   RepackOptions fewer;
-  fewer.levels = 1;
+  fewer.finest_level = 1;
   EXPECT_EQ(repack_field(*field, folder / "c.slf", fewer)->recoded, 0u);
   for (const auto& [place, payload] : all_tiles(*open("c.slf")))
     EXPECT_EQ(payload, tiles.at(place));

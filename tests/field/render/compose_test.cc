@@ -194,7 +194,7 @@ TEST_F(Compose, RefusesWhatDoesNotFit) {
                                o.shape.sphere = {{0, 1, 0}, 1};
                              })}),
               HasSubstr("has a sphere around 1, but "));
-  EXPECT_THAT(refused({other("coarse.slf", [](auto& o) { o.shape.levels = 0; })}),
+  EXPECT_THAT(refused({other("coarse.slf", [](auto& o) { o.shape.finest_level = 0; })}),
               HasSubstr("has finest level 0, but "));
   EXPECT_THAT(refused({other("entry.slf", [](auto& o) { o.shape.entry_side = 2; })}),
               HasSubstr("has entry cells 2, but "));

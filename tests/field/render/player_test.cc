@@ -28,7 +28,7 @@ class Play : public testing::BallsTest {
   static PlayOptions options(Loading loading, std::uint64_t memory = 64 << 20) {
     PlayOptions options;
     options.view.mode = RenderMode::depth;
-    options.view.level = field_->shape().levels;
+    options.view.level = field_->shape().finest_level;
     options.loading = loading;
     options.renderer.memory = memory;
     options.renderer.threads = 2;

@@ -200,7 +200,7 @@ TEST_F(Render, TheMatchingLevelIsCoarserFromAfarAndInSmallPictures) {
     EXPECT_GE(matching_level(shape, camera, RenderMode::bitri), matching);
     return matching;
   };
-  EXPECT_EQ(level(3, 2000), shape.levels);
+  EXPECT_EQ(level(3, 2000), shape.finest_level);
   EXPECT_EQ(level(3, 8), 0u);
   for (std::uint32_t size = 16; size < 1024; size *= 2)
     EXPECT_LE(level(3, size), level(3, 2 * size));
@@ -216,7 +216,7 @@ TEST_F(Render, TheMatchingLevelIsCoarserFromAfarAndInSmallPictures) {
   EXPECT_EQ(last, 0u);
   // Rendering takes it.
   const Camera small = orbit_camera(shape.sphere, 10, 20, 3, 40, 40);
-  ASSERT_LT(matching_level(shape, small, RenderMode::depth), shape.levels);
+  ASSERT_LT(matching_level(shape, small, RenderMode::depth), shape.finest_level);
   EXPECT_GT(matching_level(shape, small, RenderMode::bitri),
             matching_level(shape, small, RenderMode::depth));
   EXPECT_EQ(
@@ -274,7 +274,7 @@ TEST_F(Render, ThePagesTheEngineCountsAreThoseTheKernelReads) {
 TEST_F(Render, MeasuringCountsViewsAndStopsWhenAsked) {
   MeasureOptions options;
   options.cameras = random_cameras(field_->shape().sphere, 3, 3, 1, 20, 20);
-  const std::uint64_t all = 3 * (field_->shape().levels + 1);
+  const std::uint64_t all = 3 * (field_->shape().finest_level + 1);
   std::vector<std::uint64_t> seen;
   const auto whole = measure_views(*field_, options, [&](const Progress& progress) {
     EXPECT_EQ(progress.total, all);

@@ -160,7 +160,7 @@ TEST(TileReaderErrors, AFailedReadKeepsNothing) {
     const TileReader tiles(*Field::open(path));
     EXPECT_EQ(maps_of(path), 1u);
     const FieldShape& shape = tiles.field().shape();
-    for (unsigned level = 0; level <= shape.levels; ++level)
+    for (unsigned level = 0; level <= shape.finest_level; ++level)
       for (std::uint64_t index = 0; index < shape.tiles(level); ++index) {
         const TileKey key{static_cast<std::uint8_t>(level), index};
         failed += !tiles.read(key);

@@ -53,7 +53,7 @@ TEST(Build, IsForecast) {
   for (const std::size_t count : {1, 2}) {
     const auto shown = std::span<const FieldState>(states).first(count);
     BuildOptions options;
-    options.shape.entry_side = 4, options.shape.exit_side = 16, options.shape.levels = 2;
+    options.shape.entry_side = 4, options.shape.exit_side = 16, options.shape.finest_level = 2;
     Progress last;
     const auto forecast = forecast_build(shown, options, [&](const Progress& progress) {
       last = progress;

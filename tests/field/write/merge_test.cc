@@ -239,7 +239,7 @@ TEST_F(Merge, LevelsThatRepackKeptServeAsThoseOfABuild) {
   const BuildOptions options = options_for("predictive:80");
   const std::string expected = whole(options);
   RepackOptions coarse;
-  coarse.levels = 0;
+  coarse.finest_level = 0;
   ASSERT_TRUE(repack_field(*Field::open(folder_ / "whole.slf"), folder_ / "coarse.slf", coarse));
   expect_merges_to({levels(options, 1, 1, "fine.slf"), folder_ / "coarse.slf"}, expected);
 }

@@ -200,12 +200,12 @@ TEST_F(Repack, AHigherQualityIsCloserToTheSource) {
 TEST_F(Repack, DepthLevelsAndSubfieldsCanBeLeftOut) {
   RepackOptions options;
   options.depth = false;
-  options.levels = 0;
+  options.finest_level = 0;
   options.subfields = {3, 7, 63};
   const auto out = repack(*lossless_, folder_ / "out.slf", options);
   ASSERT_TRUE(out);
   EXPECT_FALSE(out->has_depth());
-  EXPECT_EQ(out->shape().levels, 0u);
+  EXPECT_EQ(out->shape().finest_level, 0u);
   EXPECT_EQ(out->shape().subfields, options.subfields);
   EXPECT_TRUE(out->content()->complete);
   const auto source = all_colors(*lossless_), kept = all_samples(*out);
@@ -375,7 +375,7 @@ TEST_F(Repack, NonsenseIsRefused) {
   const auto before = folder_.files();
   const std::string out = folder_ / "out.slf";
   RepackOptions options;
-  options.levels = 2;
+  options.finest_level = 2;
   EXPECT_EQ(refusal(*lossless_, out, options, "levels 0 to 1"), ErrorCode::usage);
   options = {};
   options.codec = "predictive:90";

@@ -50,7 +50,7 @@ class States : public ::testing::TestWithParam<const char*> {
     BuildOptions options;
     options.shape.entry_side = 2;
     options.shape.exit_side = 4;
-    options.shape.levels = levels_;
+    options.shape.finest_level = levels_;
     options.codec = GetParam();
     return options;
   }
@@ -408,7 +408,7 @@ TEST_P(States, PartsOfOtherFieldsAreRefusedByName) {
   // Tiles that a repack encoded again predict no others.
   build_all();
   RepackOptions coarse;
-  coarse.levels = 0;
+  coarse.finest_level = 0;
   std::vector<StateSource> chosen;
   for (unsigned s = 0; s < states.size(); ++s)
     chosen.push_back({states[s].name, *Field::open(path("all.slf"))->in_state(s)});

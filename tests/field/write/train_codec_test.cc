@@ -13,14 +13,14 @@ class TrainCodec : public ::testing::Test {
  protected:
   TrainCodec() {
     manifest.shape.sphere = scene->bounds();
-    manifest.shape.entry_side = 4, manifest.shape.exit_side = 12, manifest.shape.levels = 2;
+    manifest.shape.entry_side = 4, manifest.shape.exit_side = 12, manifest.shape.finest_level = 2;
     manifest.format = SampleFormat::rgba8_depth8;
     manifest.codec = "predictive:85";
   }
   [[nodiscard]] Result<std::unique_ptr<codec::Codec>> train(
       unsigned threads, const GoOn& go_on = [] { return true; }) const {
     std::vector<LevelGeometry> levels;
-    for (unsigned level = 0; level <= manifest.shape.levels; ++level)
+    for (unsigned level = 0; level <= manifest.shape.finest_level; ++level)
       levels.emplace_back(manifest.shape, level);
     return train_codec(
         TileTracer(*scene, manifest),
@@ -45,12 +45,12 @@ TEST_F(TrainCodec, DoesNotDependOnThreads) {
 
 TEST_F(TrainCodec, FitsLargeFieldsOnly) {
   EXPECT_NE(matrix(), codec::kYcbcr);
-  manifest.shape.levels = 1;
+  manifest.shape.finest_level = 1;
   EXPECT_EQ(matrix(), codec::kYcbcr);
 }
 
 TEST_F(TrainCodec, FitsFieldsOfSomeSubfields) {
-  manifest.shape.levels = 3;
+  manifest.shape.finest_level = 3;
   manifest.shape.subfields = {3, 28};
   EXPECT_NE(matrix(), codec::kYcbcr);
 }

@@ -343,7 +343,7 @@ TEST_F(Verify, HolesAreFilledAsTheirLevelWasSampled) {
   const std::string whole = folder_ / "whole.slf", cut = folder_ / "cut.slf";
   ASSERT_TRUE(build_and_open(stripes(), whole, options));
   RepackOptions repack;
-  repack.levels = 0;
+  repack.finest_level = 0;
   ASSERT_TRUE(repack_field(*Field::open(whole), cut, repack));
   const auto before = all_tiles(*Field::open(cut));
   {
@@ -352,7 +352,7 @@ TEST_F(Verify, HolesAreFilledAsTheirLevelWasSampled) {
     for (const std::uint64_t index : {5u, 7u, 40u}) ASSERT_TRUE(writer->drop({0, index}));
     ASSERT_TRUE(writer->close());
   }
-  options.shape.levels = 0;
+  options.shape.finest_level = 0;
   const auto filled = build_field(stripes(), cut, options);
   ASSERT_TRUE(filled) << filled.error().message;
   EXPECT_EQ(filled->tiles, 3u);

@@ -70,7 +70,7 @@ int main(int argc, char** argv) {
   const FieldShape& shape = (*field)->shape();
   const unsigned long stride = std::stoul(argv[2]);
   unsigned long page = 0;
-  for (unsigned level = 0; level <= shape.levels; ++level) {
+  for (unsigned level = 0; level <= shape.finest_level; ++level) {
     const unsigned deeper = level + shape.entry_extra_levels;
     for (std::uint32_t entry = 0; entry < 8u << (2 * deeper); ++entry)
       for (std::uint32_t exit = 0; exit < 8u << (2 * level); ++exit, ++page) {

@@ -17,7 +17,7 @@
 #include "source/light/light_rig.h"
 #include "source/light/light_volume.h"
 #include "source/medium/medium.h"
-#include "source/raycast/volume_scene.h"
+#include "source/raycast/prepared_volume.h"
 #include "tests/source/light/light_samples.h"
 
 namespace slf {
@@ -62,15 +62,14 @@ TEST(LightKept, IsKeptInAFile) {
 
 /// A light volume of a few thousand nodes, with the inputs that it was computed from.
 struct Computed {
-  std::unique_ptr<VolumeScene> scene;
+  std::unique_ptr<PreparedVolume> scene;
   LightGrid light;
 };
 
 Computed computed_light() {
   RaycastOptions options = lit(built_in_rigs().front());
   options.lighting.samples = 2;
-  auto scene =
-      make_volume_scene(ball(20), material({0.9, 0.7, 0.5}, {{100, 0}, {160, 0.6}}), options);
+  auto scene = prepare_volume(ball(20), material({0.9, 0.7, 0.5}, {{100, 0}, {160, 0.6}}), options);
   EXPECT_TRUE(scene) << scene.error().message;
   auto light = compute_light(Medium((*scene)->grid), illuminate(options.lighting, (*scene)->bounds),
                              options.lighting, 0, {});
@@ -141,7 +140,7 @@ TEST(LightKept, ProvenanceHoldsEverySetting) {
   options.lighting.seed = 9;
   options.lighting.linear = false;
   options.lighting.tone = {1.5f, ToneCurve::srgb};
-  const auto scene = make_volume_scene(ball(12), fog(glm::dvec3(1), 0.1), options);
+  const auto scene = prepare_volume(ball(12), fog(glm::dvec3(1), 0.1), options);
   ASSERT_TRUE(scene) << scene.error().message;
   const RaycastOptions back = raycast_options((*scene)->provenance);
   EXPECT_EQ(back.lighting.mode, options.lighting.mode);

@@ -18,7 +18,7 @@
 #include "source/light/light_rig.h"
 #include "source/light/light_volume.h"
 #include "source/medium/medium.h"
-#include "source/raycast/volume_scene.h"
+#include "source/raycast/prepared_volume.h"
 #include "tests/instruction_set.h"
 #include "tests/source/light/light_samples.h"
 
@@ -159,7 +159,7 @@ TEST(Light, FogReturnsNoMorePowerThanItGets) {
   });
   TransferFunction t = material(glm::dvec3(1), {{0, 0}, {199, 0}, {200, 0.3}});
   t.opacities.insert(t.opacities.begin() + 2, {199.5, 0, 0.5, 0});
-  const auto scene = make_volume_scene(round, t, lit(sun({0, 0, 1})));
+  const auto scene = prepare_volume(round, t, lit(sun({0, 0, 1})));
   ASSERT_TRUE(scene) << scene.error().message;
   const Medium medium((*scene)->grid);
   const Sphere s = (*scene)->bounds;
@@ -193,8 +193,8 @@ TEST(Light, FogReturnsNoMorePowerThanItGets) {
 TEST(Light, TransmittanceFollowsBeerAndLambert) {
   // Through 10 world units of fog of opacity o per unit, (1 - o)^10 passes.
   for (const double opacity : {0.02, 0.1, 0.4}) {
-    const auto scene = make_volume_scene(volume_of({11, 11, 11}, [](glm::ivec3) { return 100; }),
-                                         fog(glm::dvec3(1), opacity), lit(kWhiteSky));
+    const auto scene = prepare_volume(volume_of({11, 11, 11}, [](glm::ivec3) { return 100; }),
+                                      fog(glm::dvec3(1), opacity), lit(kWhiteSky));
     ASSERT_TRUE(scene) << scene.error().message;
     const Medium medium((*scene)->grid);
     const double expected = std::pow(1 - opacity, 10);
@@ -225,7 +225,7 @@ TEST(Light, OpticalDepthsAddUpExtinctionsOfEveryKindOfVoxel) {
       volume.voxels.insert(volume.voxels.end(), bytes, bytes + sizeof voxel);
     }
     const double visible = low + (labels ? 1 : 25);
-    const auto scene = make_volume_scene(
+    const auto scene = prepare_volume(
         volume, material({1, 1, 1}, {{visible - 1, 0}, {visible, 0.1}, {low + 60, 0.4}}),
         lit(kWhiteSky));
     ASSERT_TRUE(scene) << scene.error().message;
@@ -435,7 +435,7 @@ TEST(Light, DoesNotDependOnTheThreads) {
   RaycastOptions options = lit(built_in_rigs().front());
   options.lighting.samples = 8;
   const TransferFunction t = material({0.9, 0.7, 0.5}, {{100, 0}, {160, 0.6}});
-  const auto scene = make_volume_scene(ball(20), t, options);
+  const auto scene = prepare_volume(ball(20), t, options);
   ASSERT_TRUE(scene) << scene.error().message;
   const Medium medium((*scene)->grid);
   const Illumination illumination = illuminate(options.lighting, (*scene)->bounds);
@@ -451,8 +451,8 @@ TEST(Light, MemoryBoundsTheGrid) {
   RaycastOptions options = lit(kWhiteSky);
   options.lighting.memory = 1 << 20;
   options.lighting.samples = 1;
-  const auto scene = make_volume_scene(volume_of(glm::uvec3(60), [](glm::ivec3) { return 100; }),
-                                       fog(glm::dvec3(1), 0.01), options);
+  const auto scene = prepare_volume(volume_of(glm::uvec3(60), [](glm::ivec3) { return 100; }),
+                                    fog(glm::dvec3(1), 0.01), options);
   ASSERT_TRUE(scene) << scene.error().message;
   const auto light =
       compute_light(Medium((*scene)->grid), illuminate(options.lighting, (*scene)->bounds),

@@ -337,7 +337,7 @@ TEST_F(PictureScenes, MakeFieldsThatCanBeComparedWithPictures) {
   options.shape.sphere = (*scene)->bounds();
   options.shape.entry_side = 4;
   options.shape.exit_side = 16;
-  options.shape.levels = 1;
+  options.shape.finest_level = 1;
   ASSERT_TRUE(build_field(**scene, path("f.slf"), options));
   const auto field = Field::open(path("f.slf"));
   ASSERT_TRUE(field);

@@ -221,7 +221,7 @@ class CutViews : public ::testing::Test {
   void make(const TransferFunction& transfer, const RaycastOptions& options = {}) {
     scene_ = caster(volume_with(ball), transfer, options);
     BuildOptions build;
-    build.shape.entry_side = 8, build.shape.exit_side = 16, build.shape.levels = 1;
+    build.shape.entry_side = 8, build.shape.exit_side = 16, build.shape.finest_level = 1;
     build.codec = "zstd:1";
     ASSERT_TRUE(build_field(*scene_, folder_ / "a.slf", build));
     field_.emplace(*Field::open(folder_ / "a.slf"));

@@ -12,7 +12,7 @@
 #include <span>
 #include <vector>
 
-#include "source/raycast/volume_scene.h"
+#include "source/raycast/prepared_volume.h"
 #include "tests/instruction_set.h"
 
 namespace slf {
@@ -76,8 +76,8 @@ Volume blobs(std::uint32_t seed) {
 
 TEST(Raycaster, LeapingOverEmptySpaceChangesNothing) {
   for (std::uint32_t seed = 1; seed <= 4; ++seed) {
-    const auto leaping = *make_volume_scene(blobs(seed), ramp(20, 120, 0.6), {});
-    const auto plain = *make_volume_scene(blobs(seed), ramp(20, 120, 0.6), {});
+    const auto leaping = *prepare_volume(blobs(seed), ramp(20, 120, 0.6), {});
+    const auto plain = *prepare_volume(blobs(seed), ramp(20, 120, 0.6), {});
     std::ranges::fill(plain->grid.distance, 0);  // then every cell is visited
     const Sphere s = leaping->bounds;
     std::mt19937 random(seed);

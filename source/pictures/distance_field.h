@@ -12,13 +12,13 @@ namespace slf {
 
 /// A cube of voxels around a sphere. Values are positive outside the object and negative inside;
 /// they are distances near the surface, in units of kTruncation voxels, and ±1 further away.
-class Surface {
+class DistanceField {
  public:
   static constexpr double kTruncation = 4;  ///< voxels
 
-  Surface() = default;
+  DistanceField() = default;
   /// All voxels are outside.
-  Surface(const Sphere& sphere, std::uint32_t side);
+  DistanceField(const Sphere& sphere, std::uint32_t side);
 
   [[nodiscard]] std::uint32_t side() const { return side_; }
   [[nodiscard]] double voxel() const { return voxel_; }

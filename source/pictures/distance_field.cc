@@ -1,10 +1,10 @@
-#include "source/pictures/surface.h"
+#include "source/pictures/distance_field.h"
 
 #include <algorithm>
 
 namespace slf {
 
-Surface::Surface(const Sphere& sphere, std::uint32_t side)
+DistanceField::DistanceField(const Sphere& sphere, std::uint32_t side)
     : side_(side),
       blocks_((side + kBlock - 1) / kBlock),
       voxel_(2 * sphere.radius / side),
@@ -12,7 +12,7 @@ Surface::Surface(const Sphere& sphere, std::uint32_t side)
       values_(std::size_t{side} * side * side, 127),
       busy_(std::size_t{blocks_} * blocks_ * blocks_, 0) {}
 
-void Surface::finish() {
+void DistanceField::finish() {
   std::ranges::fill(busy_, std::uint8_t{0});
   for (std::uint32_t z = 0; z < side_; ++z)
     for (std::uint32_t y = 0; y < side_; ++y)
@@ -28,7 +28,7 @@ void Surface::finish() {
       }
 }
 
-Sphere Surface::bounds() const {
+Sphere DistanceField::bounds() const {
   glm::dvec3 low(1e300), high(-1e300);
   for (std::uint32_t z = 0; z < side_; ++z)
     for (std::uint32_t y = 0; y < side_; ++y)
@@ -48,7 +48,7 @@ Sphere Surface::bounds() const {
   return sphere;
 }
 
-double Surface::at(const glm::dvec3& grid) const {
+double DistanceField::at(const glm::dvec3& grid) const {
   const double last = side_ - 1.001;
   const glm::dvec3 g = glm::clamp(grid, 0.0, last);
   const auto x = static_cast<std::size_t>(g.x), y = static_cast<std::size_t>(g.y),
@@ -63,7 +63,7 @@ double Surface::at(const glm::dvec3& grid) const {
   return (front + fz * (back - front)) / 127;
 }
 
-Surface::Meeting Surface::meet(const glm::dvec3& from, const glm::dvec3& to) const {
+DistanceField::Meeting DistanceField::meet(const glm::dvec3& from, const glm::dvec3& to) const {
   constexpr double kNear = 0.6;  // of the values of a ray that passes the surface by
   constexpr double kStep = 0.5;  // voxels
   const glm::dvec3 start = (from - origin_) / voxel_, way = (to - from) / voxel_;
@@ -118,8 +118,8 @@ Surface::Meeting Surface::meet(const glm::dvec3& from, const glm::dvec3& to) con
   return {};
 }
 
-std::optional<double> Surface::first_hit(const Sphere& sphere, const glm::dvec3& eye,
-                                         const glm::dvec3& way) const {
+std::optional<double> DistanceField::first_hit(const Sphere& sphere, const glm::dvec3& eye,
+                                               const glm::dvec3& way) const {
   const Chord chord = intersect(sphere, eye, way);
   if (!chord.hit || chord.leave <= 0) return std::nullopt;
   const double enter = std::max(chord.enter, 0.0), leave = chord.leave;

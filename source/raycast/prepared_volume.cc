@@ -1,4 +1,4 @@
-#include "source/raycast/volume_scene.h"
+#include "source/raycast/prepared_volume.h"
 
 #include <algorithm>
 #include <cmath>
@@ -150,11 +150,11 @@ Result<void> check_options(const RaycastOptions& options) {
 
 std::shared_ptr<SharedScenes> share_scenes() { return std::make_shared<SharedScenes>(); }
 
-Result<std::unique_ptr<VolumeScene>> make_volume_scene(Volume volume,
+Result<std::unique_ptr<PreparedVolume>> prepare_volume(Volume volume,
                                                        const TransferFunction& transfer,
                                                        const RaycastOptions& options) {
   SLF_TRY(check_options(options));
-  auto scene = std::make_unique<VolumeScene>();
+  auto scene = std::make_unique<PreparedVolume>();
   scene->lighting = options.lighting;
   scene->provenance = describe(volume, transfer, options);
   scene->volume = std::move(volume);

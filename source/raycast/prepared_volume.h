@@ -1,4 +1,4 @@
-// VolumeScene: a volume, its transfer function and its light, ready for rays. Private to
+// PreparedVolume: a volume, its transfer function and its light, ready for rays. Private to
 // source/raycast.
 #pragma once
 
@@ -47,7 +47,7 @@ struct SharedScenes {
                                      RayGrid& grid);
 
 /// The data that ray-caster and path tracer share. The grid points into the volume.
-struct VolumeScene {
+struct PreparedVolume {
   Volume volume;
   RayGrid grid;
   Sphere bounds;
@@ -58,7 +58,7 @@ struct VolumeScene {
 
 /// Converts the voxels, makes the tables and finds the visible space; no light volume yet. Errors
 /// as Raycaster::make.
-[[nodiscard]] Result<std::unique_ptr<VolumeScene>> make_volume_scene(
+[[nodiscard]] Result<std::unique_ptr<PreparedVolume>> prepare_volume(
     Volume volume, const TransferFunction& transfer, const RaycastOptions& options);
 
 }  // namespace slf
