@@ -25,17 +25,17 @@ struct LoadedTile {
   using List = std::list<LoadedTile>;
 
   TileKey key;
-  TilePage* page = nullptr;  // where readers find it, or `unlisted`
   TilePage unlisted;         // of a tile of another state, which readers do not look for
-  storage::TileRef ref;
+  TilePage* page = nullptr;  // where readers find it, or `unlisted`
   const std::byte* first = nullptr;
-  TileMemory::Block owned;         // what `first` points into
   std::size_t bytes = 0;           // of the samples
   std::uint64_t cost = 0;          // bytes that it counts in the budget
   std::uint64_t epoch = 0;         // of its removal
   List::iterator place;            // in its list
   std::optional<TileKey> lacking;  // a tile that this one is predicted from, but was never built
   std::optional<Error> error;
+  storage::TileRef ref;
+  TileMemory::Block owned;   // what `first` points into
   std::uint32_t listed = 0;  // page.used when it last came among the tiles that nothing pins
   std::uint32_t pins = 0;
   unsigned chain = 0;  // through how many other states it is predicted

@@ -140,9 +140,9 @@ std::optional<glm::dvec3> Caster::meet(const Look& look, double x, double y) {
   return glm::mix(from, to, static_cast<double>(sample.depth));
 }
 
-/// What to draw next: pages in motion first, then the poorest picture of the newest page. Small
-/// pictures are drawn even when paused: a browser has six connections, which waiting ones would use
-/// up, and hear nothing else.
+/// What to draw next: pages in motion first, then the poorest picture of the newest page. When
+/// paused, each page gets one picture, and small ones are drawn: a browser has six connections for
+/// all pages, and with all of them waiting it hears nothing else.
 std::optional<Caster::Job> Caster::next() const {
   if (revision_ == 0) return std::nullopt;
   const Page* best = nullptr;
@@ -150,7 +150,8 @@ std::optional<Caster::Job> Caster::next() const {
   Stage stage = Stage::none;
   for (const auto& [id, page] : pages_) {
     const bool current = page.drawn.revision == revision_ && page.drawn.serial == page.look.serial;
-    if (paused_ || page.look.serial == 0 || !page.waits() || (current && page.drawn.last)) continue;
+    if (page.look.serial == 0 || !page.waits()) continue;
+    if (current && (paused_ || page.drawn.last)) continue;
     if (best && page.asked < best->asked) continue;
     best = &page, number = id;
     stage = page.look.moving ? Stage::moving

@@ -72,7 +72,7 @@ class Caster {
   std::shared_ptr<const Volume> volume();
   /// What readers want people to know.
   std::vector<std::string> notes();
-  /// Draws only thumbnails while it is paused.
+  /// Draws nothing better than direct light while it is paused.
   void pause(bool paused);
 
  private:

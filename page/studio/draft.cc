@@ -108,6 +108,11 @@ Result<Draft> Draft::open(const Recipe& recipe, const StudioOptions& options) {
   return draft;
 }
 
+bool Draft::leaves_a_recipe() const {
+  std::error_code ignored;
+  return !owned_.contains(recipe_path) && fs::exists(recipe_path, ignored);
+}
+
 /// A page reads no other file than those that are known.
 Result<void> Draft::check_files(const json& stated) const {
   for (const auto& [name, value] : stated.items())
@@ -158,8 +163,8 @@ Result<void> Draft::save() {
   for (const std::string& path : written)
     if (!owned_.contains(path) && fs::exists(path, ignored))
       return fail(ErrorCode::usage, path,
-                  ": exists, and was not saved by this studio; move it, or name another recipe by "
-                  "--save, another output by -o");
+                  ": exists, and this studio did not begin with it; go on with it by slf view ",
+                  recipe_path, ", move it, or name another recipe by --save, another output by -o");
   SLF_TRY(whole());
   const fs::path where = fs::absolute(recipe_path).parent_path();
   json out = document;

@@ -35,6 +35,8 @@ class Draft {
   /// Removes files of take() that no recipe names.
   void tidy() const;
   [[nodiscard]] bool saved() const;
+  /// Whether another recipe is where this one would be saved.
+  [[nodiscard]] bool leaves_a_recipe() const;
 
   Recipe base;
   nlohmann::json document, shown;  ///< the recipe, with states; and what is shown of it

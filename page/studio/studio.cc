@@ -147,17 +147,23 @@ struct Studio::State {
 /// Works on what the recipe makes: its states, and how they are to be built.
 template <class T, class Work>
 void Studio::State::begin(Task<T>& task, const Work& work) {
-  task.start([recipe = draft.whole(), threads = options.threads,
+  task.start([&task, recipe = draft.whole(), threads = options.threads,
               work](const ProgressCallback& progress) -> Result<T> {
     if (!recipe) return tl::unexpected(recipe.error());
     Recipe made = *recipe;
     made.raycast.lighting.linear = made.field.half;
     made.light_volume.threads = made.field.threads = threads;
-    made.light_volume.progress = progress;
+    const auto of = [&](const char* phase) {
+      return [&, phase](const Progress& done) {
+        task.enter(phase);
+        return progress(done);
+      };
+    };
+    made.light_volume.progress = of("Light");
     const auto scenes = SLF_TRY(make_scenes(made));
     const auto states = field_states(scenes);
     const auto field = SLF_TRY(field_options(made, states));
-    return work(states, field, progress);
+    return work(states, field, of("Rays"));
   });
 }
 
@@ -185,6 +191,7 @@ json Studio::State::progress() {
   const Progress done = builder.progress();
   json out{{"done", done.done - done.skipped},
            {"total", done.total - done.skipped},
+           {"phase", builder.phase()},
            {"seconds", builder.seconds()}};
   const auto outcome = builder.outcome();
   if (!outcome) return out;
@@ -233,6 +240,10 @@ json Studio::State::state() {
     known[0] = {.function = default_transfer(*volume), .description = "What a volume begins with"};
     known[0].function.name = "automatic";
   }
+  auto notes = caster.notes();
+  if (draft.leaves_a_recipe())
+    notes.push_back(concat(draft.recipe_path, " is there from another time: slf view ",
+                           word(draft.recipe_path), " goes on with it."));
   json all{{"name", fs::path(draft.base.input).filename().string()},
            {"kind", recipe::kind_of(draft.base)},
            {"revision", revision},
@@ -240,7 +251,7 @@ json Studio::State::state() {
            {"shown", draft.shown},
            {"views", draft.views},
            {"restored", draft.restored},
-           {"notes", caster.notes()},
+           {"notes", notes},
            {"output", options.output},
            {"save", draft.recipe_path},
            {"saved", draft.saved()},

@@ -25,9 +25,8 @@ class Task {
   void start(std::function<Result<T>(const ProgressCallback&)> work) {
     wait();
     stop_ = false;
-    begun_ = Clock::now();
-    done_ = {};
     outcome_.reset();
+    enter("");
     thread_ = std::thread([this, work = std::move(work)] {
       auto made = guarded([&] {
         return work([this](const Progress& progress) {
@@ -41,6 +40,14 @@ class Task {
     });
   }
   void stop() { stop_ = true; }
+  /// Progress is of this phase from now on. From the work's thread, too.
+  void enter(const char* phase) {
+    const std::lock_guard lock(mutex_);
+    if (phase_ == phase) return;
+    phase_ = phase;
+    begun_ = Clock::now();
+    done_ = {};
+  }
 
   [[nodiscard]] bool started() const { return thread_.joinable(); }
   [[nodiscard]] bool runs() const { return started() && !outcome(); }
@@ -53,8 +60,13 @@ class Task {
     const std::lock_guard lock(mutex_);
     return done_;
   }
-  /// Since the start.
+  [[nodiscard]] const char* phase() const {
+    const std::lock_guard lock(mutex_);
+    return phase_;
+  }
+  /// Since its phase began.
   [[nodiscard]] double seconds() const {
+    const std::lock_guard lock(mutex_);
     return std::chrono::duration<double>(Clock::now() - begun_).count();
   }
 
@@ -67,8 +79,9 @@ class Task {
   }
 
   mutable std::mutex mutex_;
-  Progress done_;                     // guarded
-  std::optional<Result<T>> outcome_;  // guarded
+  Progress done_;  // guarded, as all before `stop_`
+  std::optional<Result<T>> outcome_;
+  const char* phase_ = nullptr;  // one literal for each phase
   Clock::time_point begun_{};
   std::atomic<bool> stop_ = false;
   std::thread thread_;

@@ -663,11 +663,16 @@ class StudioTest(unittest.TestCase):
             self.assertNotIn("field", studio.state()["build"])
             other.run("document.getElementById('picture').focus()")
             other.call("Input.dispatchKeyEvent", type="keyDown", key="ArrowLeft")
+            other.wait("studio.shown.serial === studio.serial")  # of direct light, at once
+            self.assertNotIn("field", studio.state()["build"])
             self.fine(other)  # after the build, of which nothing told it
             other.close()
             self.assertIn("field", self.built(studio))
             page = self.open(studio)
             page.wait("!document.getElementById('result').hidden")
+            page.run("""navigator.clipboard.writeText = async (text) => { globalThis.copied = text; };
+              document.getElementById('copypublish').click()""")
+            self.assertEqual(page.run("copied"), studio.state()["build"]["publish"])
             page.run("document.getElementById('copy').click()")
             page.wait("document.getElementById('said').textContent.startsWith('slf build')")
             command = page.run("document.getElementById('said').textContent")
@@ -677,6 +682,67 @@ class StudioTest(unittest.TestCase):
         os.rename(path("ball.slf"), path("first.slf"))
         subprocess.run([SLF, "-q", *command.split()[1:]], cwd=WORK, check=True)
         slf("diff", path("first.slf"), path("ball.slf"))
+
+    def test_habits_of_hands(self):
+        with open(path("ball.recipe.json"), "w") as file:
+            json.dump({"input": "other.nhdr"}, file)
+        with Studio("ball.nhdr", "-o", "ball.slf") as studio:
+            page = self.open(studio, 900, 800)
+            self.assertIn("slf view ball.recipe.json goes on with it",
+                          page.run("document.getElementById('said').textContent"))
+            page.run("document.getElementById('save').click()")
+            page.wait("document.getElementById('said').textContent.includes('did not begin with')")
+
+            def key(name):
+                for kind in ("keyDown", "keyUp"):
+                    page.call("Input.dispatchKeyEvent", type=kind, key=name)
+
+            def marked():
+                return page.run("[...document.querySelectorAll('#presets button')].findIndex("
+                                "(one) => one.getAttribute('aria-pressed') === 'true')")
+
+            self.assertEqual(marked(), 0)
+            page.run("document.querySelectorAll('#presets button')[3].click()")
+            self.fine(page)
+            self.assertEqual(marked(), 3)
+            points = self.labelled(page, "Value of point")
+            x, y = page.run("""(() => {
+              const {left, top, width, height} = document.getElementById('curve')
+                .getBoundingClientRect();
+              const [value, opacity] = ['Value', 'Opacity'].map((name) => Number(
+                [...document.querySelectorAll(`[aria-label^="${name} of point"]`)].at(-2).value));
+              const [low, high] = [...document.querySelectorAll('#ends span')].map((e) =>
+                parseFloat(e.textContent));
+              return [left + (value - low) / (high - low) * width,
+                      top + 4 + (1 - opacity) * (height - 8)];
+            })()""")
+            self.mouse(page, [(x, y), (x - 6, y + 10), (x - 20, y + 30)])
+            self.fine(page)
+            self.assertNotEqual(self.labelled(page, "Value of point"), points)
+            self.assertEqual(marked(), -1)
+            self.mouse(page, [(x - 20, y + 30), (x - 20, y + 30)])  # chosen, but not moved
+            page.run("document.getElementById('undo').click()")  # all of the movement
+            self.fine(page)
+            self.assertEqual(self.labelled(page, "Value of point"), points)
+            self.assertEqual(marked(), 3)
+
+            for text, said in (("", ""), ("1e9", "must be less")):
+                self.set(page, "#low", text)
+                self.assertIn(said, page.run("document.getElementById('status').textContent"))
+                self.assertEqual(self.labelled(page, "Value of point"), points)
+
+            page.run("document.getElementById('saved').open = true")
+            self.set(page, "#viewname", "From here", "input")
+            page.run("document.getElementById('viewname').focus()")
+            key("Enter")
+            page.wait("document.querySelectorAll('#viewlist li').length === 1")
+            page.run("document.getElementById('addnote').click()")
+            self.status(page, "Click the place")
+            key("Escape")
+            self.assertEqual(page.run("document.getElementById('status').textContent"), "")
+            self.mouse(page, [(300, 400), (300, 400)])
+            page.close()
+            self.assertEqual(studio.state()["views"].get("notes", []), [])
 
     def test_files_of_colours_are_dropped(self):
         files = {

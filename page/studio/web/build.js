@@ -49,10 +49,12 @@ async function save(what, more = {}) {
 byId('save').onclick = () => save('save');
 byId('build').onclick = async () => { if (await save('build')) follow(); };
 byId('stop').onclick = () => post('stop');
+const copy = (text) => navigator.clipboard.writeText(text).catch(() => {});
 byId('copy').onclick = async () => {
-  if (await save('save')) await navigator.clipboard.writeText(command).catch(() => {});
+  if (await save('save')) await copy(command);
   byId('said').textContent = command;
 };
+byId('copypublish').onclick = () => copy(byId('publish').textContent);
 // The field that was built, beside the live picture, from the same side.
 let field;
 function showField(folder) {
@@ -74,7 +76,8 @@ export function turnField() {
   if (states.length > 0) field.element.state = states[Math.max(0, current)].name;
 }
 byId('compare').oninput = () => {
-  field.style.clipPath = `inset(0 0 0 ${byId('compare').value}%)`;
+  // Where the middle of the slider's knob is.
+  field.style.clipPath = `inset(0 0 0 calc(8px + ${byId('compare').value / 100} * (100% - 16px)))`;
 };
 const clock = (s) => s < 90 ? `${Math.round(s)} s` : `${Math.round(s / 60)} min`;
 export async function follow() {
@@ -86,11 +89,12 @@ export async function follow() {
     const runs = build && !build.field && !build.error;
     byId('build').hidden = Boolean(runs);
     byId('stop').hidden = byId('progress').hidden = !runs;
+    byId('forecast').hidden = Boolean(runs);
     if (!runs) {
       if (build?.error) {
         const exists = build.error.includes('exists');
         byId('said').textContent = build.error;
-        if (exists && confirm(`${build.error}\n\nReplace it?`) &&
+        if (exists && confirm(`${output} is there, with other settings. Replace it?`) &&
             await save('build', {replace: true}))
           return follow();
       }
@@ -105,8 +109,8 @@ export async function follow() {
     }
     byId('progress').value = build.total > 0 ? build.done / build.total : 0;
     const left = build.done > 0 ? build.seconds * (build.total / build.done - 1) : 0;
-    byId('said').textContent =
-      clock(build.seconds) + (left > 0 ? `, ${clock(left)} left` : '');
+    byId('said').textContent = `${build.phase || 'Reading'}: ${clock(build.seconds)}` +
+      (left > 0 ? `, ${clock(left)} left` : '');
     await sleep(400);
   }
 }

@@ -84,15 +84,16 @@ export class Curve {
     this.canvas.setPointerCapture(event.pointerId);
     const before = this.points[this.chosen - 1]?.value ?? -Infinity;
     const after = this.points[this.chosen + 1]?.value ?? Infinity;
+    let moves = false;
     this.canvas.onpointermove = (moved) => {
       const {value, opacity} = this.place(moved);
       near.value = Math.min(Math.max(value, before), after);
       near.opacity = opacity;
-      this.edited(true);
+      this.edited(moves = true);
     };
     this.canvas.onpointerup = this.canvas.onpointercancel = () => {
       this.canvas.onpointermove = this.canvas.onpointerup = null;
-      this.edited(false);
+      if (moves) this.edited(false);
     };
     this.draw();
     this.tell();

@@ -113,6 +113,11 @@ byId('addnote').onclick = () => {
   say('Click the place of the note; Enter is the middle of the picture.');
   picture.focus();
 };
+addEventListener('keydown', (event) => {
+  if (placing && event.key === 'Escape') say(''), placing = false;
+});
+for (const id of ['statename', 'viewname', 'notename'])
+  byId(id).onkeydown = ({key, target}) => { if (key === 'Enter') target.nextElementSibling.click(); };
 export async function tap(x, y) {
   if (!placing) return;
   placing = false;

@@ -13,6 +13,7 @@ const kPiece = 1 << 18;  // bytes of a picture that are sent at once
 const curve = new Curve(byId('curve'), byId('points'), byId('add'), (fn, moving) => {
   set('transfer', fn, moving, ['range']);
   showEnds();
+  markPreset(fn);
 });
 function showEnds() {
   const n = (v) => Number(v.toPrecision(5));
@@ -24,11 +25,18 @@ function showEnds() {
 }
 for (const id of ['low', 'high'])
   byId(id).onchange = () => {
-    const low = Number(byId('low').value), high = Number(byId('high').value);
+    const low = byId('low').valueAsNumber, high = byId('high').valueAsNumber;
     if (low < high) curve.stretch(low, high);
+    else if (low >= high) say('The first value must be less than the last.', true);
     showEnds();
   };
 
+// Marks the preset that is shown as it is.
+function markPreset(fn) {
+  const text = (one) => JSON.stringify({...one, Name: ''});
+  [...byId('presets').children].forEach((button, k) => button.setAttribute(
+    'aria-pressed', text(model.server.presets[k].function) === text(fn)));
+}
 export function showPresets() {
   const preset = ({name, description, function: fn}, k) => {
     const image = make('img', {src: `preset/${k}`, alt: '', loading: 'lazy'});
@@ -38,6 +46,7 @@ export function showPresets() {
       curve.show(fn, model.server.histogram);
       set('transfer', fn, false, ['range']);
       showEnds();
+      markPreset(fn);
     };
     return button;
   };
@@ -50,6 +59,7 @@ export function showCurve() {
   if (!histogram || !fn) return;
   curve.show(fn, histogram);
   showEnds();
+  markPreset(fn);
 }
 
 // ---- files --------------------------------------------------------------------------------------

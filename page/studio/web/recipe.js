@@ -27,7 +27,9 @@ const snapshot = () => {
 
 // Sets an option of what is edited; undefined: its default, as that of those that it replaces.
 export function set(name, value, moving = false, replaced = []) {
-  if (!moving || history.at(-1)?.moving !== name) remember(moving ? name : undefined);
+  const last = history.at(-1);
+  if (last?.moving !== name) remember(moving ? name : undefined);
+  else if (!moving) last.moving = undefined;  // the end of the same movement
   const {recipe, states, current} = model;
   const to = kOfAll.includes(name) ? recipe : states[current] ?? recipe;
   for (const [key, now] of [...replaced.map((other) => [other]), [name, value]])
