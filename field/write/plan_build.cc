@@ -93,9 +93,13 @@ Result<BuildForecast> forecast_build(std::span<const FieldState> states,
   const auto geometries = [&](unsigned level) -> const LevelGeometry& {
     return tracer.geometry(level);
   };
-  const auto codec =
-      SLF_TRY(train_codec(tracer, geometries, manifest, threads, [&] { return reporter.go_on(); }));
   const std::chrono::duration<double> prepared = std::chrono::steady_clock::now() - begin;
+  const auto codec = SLF_TRY(train_codec(
+      tracer, geometries, manifest, threads, [&] { return reporter.go_on(); }, kSketchedRuns));
+  const std::chrono::duration<double> trained = std::chrono::steady_clock::now() - begin - prepared;
+  const auto runs = [&](std::uint64_t most) {
+    return static_cast<double>(std::max<std::uint64_t>(1, training_runs(one_state(shape), most)));
+  };
 
   const TileCoder coder(shape, manifest.format, *codec, geometries, states.size() > 1,
                         manifest.keeps_rays);
@@ -113,7 +117,8 @@ Result<BuildForecast> forecast_build(std::span<const FieldState> states,
   return BuildForecast{order.count(),
                        total.sampled,
                        count_rays(tracer, order, shape.finest_level, all),
-                       prepared.count() + total.seconds / threads,
+                       prepared.count() + total.seconds / threads +
+                           trained.count() * runs(kTrainingRuns) / runs(kSketchedRuns),
                        file.bytes,
                        file.error_bytes};
 } catch (...) {

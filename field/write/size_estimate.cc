@@ -16,6 +16,9 @@ namespace {
 using storage::TileState;
 
 constexpr double kDeviations = 1.96;  // of a 95 % confidence interval
+/// One sampled tile of so many is also predicted, which takes a dozen others. What that saves of
+/// their bytes, it saves of all.
+constexpr std::uint64_t kPredictedShare = 6;
 
 // The bytes of a file besides payloads (FORMAT.md). For each tile: checksum, entry in the table,
 // alignment. For records: headers, unused ends of pages, trees.
@@ -35,7 +38,8 @@ double thread_seconds() {
 }
 
 struct SampledTile {
-  std::uint64_t bytes = 0;
+  std::uint64_t alone = 0;      ///< bytes, if it is not predicted
+  std::uint64_t predicted = 0;  ///< bytes, if it is
   bool stored = false;
   double seconds = 0;  ///< without those of the tiles that it is predicted from
 };
@@ -50,7 +54,9 @@ Result<bool> is_repeated(const TileSource& source, const SourceTile& tile) {
   return false;
 }
 
-Result<SampledTile> encode_sample(const TileSource& source, const TileCoder& coder, TileKey key) {
+/// `predicts`: whether to predict it, too.
+Result<SampledTile> encode_sample(const TileSource& source, const TileCoder& coder, TileKey key,
+                                  bool predicts) {
   SourceTile tile;
   SampledTile sampled;
   double begin = thread_seconds();
@@ -59,19 +65,23 @@ Result<SampledTile> encode_sample(const TileSource& source, const TileCoder& cod
   if (tile.ref.state != TileState::stored) return sampled;
   const bool repeated = SLF_TRY(is_repeated(source, tile));
   if (repeated) return sampled;
+  Bytes payload;
+  begin = thread_seconds();
+  SLF_TRY(coder.encode(key, tile.samples, {}, payload));
+  sampled.seconds += thread_seconds() - begin;
+  sampled.alone = sampled.predicted = payload.size();
+  sampled.stored = true;
+  if (!predicts) return sampled;
   const std::vector<TileKey> references = coder.choose(key, tile.samples);
+  if (references.empty()) return sampled;
   std::vector<SourceTile> tiles(references.size());
   std::vector<ReferenceSamples> from;
   for (std::size_t k = 0; k < references.size(); ++k) {
     SLF_TRY(source.tile(references[k], tiles[k]));
     from.push_back({references[k], tiles[k].samples});
   }
-  Bytes payload;
-  begin = thread_seconds();
   SLF_TRY(coder.encode(key, tile.samples, from, payload));
-  sampled.seconds += thread_seconds() - begin;
-  sampled.bytes = payload.size();
-  sampled.stored = true;
+  sampled.predicted = payload.size();
   return sampled;
 }
 
@@ -90,23 +100,39 @@ Result<SizeEstimate> sample_tiles(const TileSource& source, const TileCoder& cod
                                   unsigned threads, Reporter& progress) {
   const std::uint64_t begin = tiles.begin, count = tiles.count();
   const std::uint64_t taken = std::min(count, samples);
+  const std::uint64_t share = taken == count ? 1 : kPredictedShare;
   const auto encode = [&](std::uint64_t k) {
     const std::uint64_t first = begin + count * k / taken, next = begin + count * (k + 1) / taken;
-    return encode_sample(source, coder, order.key(first + mix(first) % (next - first)));
+    return encode_sample(source, coder, order.key(first + mix(first) % (next - first)),
+                         k % share == 0);
   };
+  // Two-phase sampling (Cochran, Sampling Techniques, 12.5): bytes alone of all that are sampled,
+  // times the ratio of those that are predicted, too.
   SizeEstimate sum;
   double squares = 0;
-  const auto add = [&](std::uint64_t, const SampledTile& tile) {
-    const auto bytes = static_cast<double>(tile.bytes);
-    sum += {bytes, 0, tile.stored ? 1.0 : 0.0, tile.seconds, 1}, squares += bytes * bytes;
+  struct {
+    double n = 0, alone = 0, bytes = 0, alone2 = 0, bytes2 = 0, product = 0;
+  } both;
+  const auto add = [&](std::uint64_t k, const SampledTile& tile) {
+    const auto alone = static_cast<double>(tile.alone), bytes = static_cast<double>(tile.predicted);
+    sum += {alone, 0, tile.stored ? 1.0 : 0.0, tile.seconds, 1}, squares += alone * alone;
+    if (k % share == 0) {
+      both.n += 1, both.alone += alone, both.bytes += bytes;
+      both.alone2 += alone * alone, both.bytes2 += bytes * bytes, both.product += alone * bytes;
+    }
     return progress.add(1);
   };
   SLF_TRY(make_in_order(
       taken, threads, 4 * threads, [&] { return encode; }, add));
   const auto n = static_cast<double>(taken), all = static_cast<double>(count);
-  if (taken < count && taken > 1)
-    sum.variance = all * all * (1 - n / all) * (squares - sum.bytes * sum.bytes / n) / (n - 1) / n;
-  sum.bytes *= all / n, sum.stored *= all / n, sum.seconds *= all / n;
+  const double ratio = both.alone > 0 ? both.bytes / both.alone : 1;
+  if (taken < count && taken > 1) {
+    const double of_tiles = ratio * ratio * (squares - sum.bytes * sum.bytes / n) / (n - 1);
+    const double of_ratio = (both.bytes2 - 2 * ratio * both.product + ratio * ratio * both.alone2) /
+                            std::max(1.0, both.n - 1);
+    sum.variance = all * all * ((1 / n - 1 / all) * of_tiles + (1 / both.n - 1 / n) * of_ratio);
+  }
+  sum.bytes *= ratio * all / n, sum.stored *= all / n, sum.seconds *= all / n;
   return sum;
 }
 

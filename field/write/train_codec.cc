@@ -19,7 +19,7 @@ using storage::TileState;
 constexpr std::uint64_t kTrainingTries = 256;
 /// One that predicts is fitted to runs of tiles that follow each other, which are predicted from
 /// nearly the same coarser ones.
-constexpr std::uint64_t kRuns = 24, kRunTiles = 16;
+constexpr std::uint64_t kRunTiles = 16;
 /// At most one of so many tiles of the finest level is made for that.
 constexpr std::uint64_t kShare = 16;
 /// The tables of smaller fields are not fitted: that would gain little.
@@ -72,10 +72,14 @@ class RunEncoder {
 
 }  // namespace
 
+std::uint64_t training_runs(const FieldShape& shape, std::uint64_t most) {
+  return std::min(most, shape.tiles(shape.finest_level) / (kRunTiles * kShare));
+}
+
 Result<std::unique_ptr<codec::Codec>> train_codec(const TileSource& source,
                                                   const TileCoder::Geometries& geometries,
                                                   const Manifest& manifest, unsigned threads,
-                                                  const GoOn& go_on) {
+                                                  const GoOn& go_on, std::uint64_t runs) {
   const FieldShape shape = one_state(manifest.shape);
   const TileOrder order(shape);
   const NumberRange finest = order.level(shape.finest_level);
@@ -96,7 +100,7 @@ Result<std::unique_ptr<codec::Codec>> train_codec(const TileSource& source,
   }
   auto general =
       SLF_TRY(codec::train_codec(manifest.codec, manifest.format, tiles, shape.finest_level));
-  const std::uint64_t runs = std::min(kRuns, finest.count() / (kRunTiles * kShare));
+  runs = training_runs(shape, runs);
   if (!general->four_taps() || runs == 0 ||
       finest.count() * shape.max_tile_samples() < kLeastSamples)
     return general;
