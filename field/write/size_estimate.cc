@@ -41,7 +41,8 @@ struct SampledTile {
   std::uint64_t alone = 0;      ///< bytes, if it is not predicted
   std::uint64_t predicted = 0;  ///< bytes, if it is
   bool stored = false;
-  double seconds = 0;  ///< without those of the tiles that it is predicted from
+  double seconds = 0;   ///< to read or trace it
+  double encoding = 0;  ///< seconds to encode it, of one that is predicted where that is possible
 };
 
 /// Whether an earlier state has the same samples.
@@ -68,7 +69,7 @@ Result<SampledTile> encode_sample(const TileSource& source, const TileCoder& cod
   Bytes payload;
   begin = thread_seconds();
   SLF_TRY(coder.encode(key, tile.samples, {}, payload));
-  sampled.seconds += thread_seconds() - begin;
+  sampled.encoding = thread_seconds() - begin;
   sampled.alone = sampled.predicted = payload.size();
   sampled.stored = true;
   if (!predicts) return sampled;
@@ -80,7 +81,9 @@ Result<SampledTile> encode_sample(const TileSource& source, const TileCoder& cod
     SLF_TRY(source.tile(references[k], tiles[k]));
     from.push_back({references[k], tiles[k].samples});
   }
+  begin = thread_seconds();
   SLF_TRY(coder.encode(key, tile.samples, from, payload));
+  sampled.encoding = thread_seconds() - begin;
   sampled.predicted = payload.size();
   return sampled;
 }
@@ -111,7 +114,7 @@ Result<SizeEstimate> sample_tiles(const TileSource& source, const TileCoder& cod
   SizeEstimate sum;
   double squares = 0;
   struct {
-    double n = 0, alone = 0, bytes = 0, alone2 = 0, bytes2 = 0, product = 0;
+    double n = 0, alone = 0, bytes = 0, alone2 = 0, bytes2 = 0, product = 0, seconds = 0;
   } both;
   const auto add = [&](std::uint64_t k, const SampledTile& tile) {
     const auto alone = static_cast<double>(tile.alone), bytes = static_cast<double>(tile.predicted);
@@ -119,6 +122,7 @@ Result<SizeEstimate> sample_tiles(const TileSource& source, const TileCoder& cod
     if (k % share == 0) {
       both.n += 1, both.alone += alone, both.bytes += bytes;
       both.alone2 += alone * alone, both.bytes2 += bytes * bytes, both.product += alone * bytes;
+      both.seconds += tile.encoding;
     }
     return progress.add(1);
   };
@@ -133,6 +137,7 @@ Result<SizeEstimate> sample_tiles(const TileSource& source, const TileCoder& cod
     sum.variance = all * all * ((1 / n - 1 / all) * of_tiles + (1 / both.n - 1 / n) * of_ratio);
   }
   sum.bytes *= ratio * all / n, sum.stored *= all / n, sum.seconds *= all / n;
+  sum.seconds += both.seconds * all / both.n;
   return sum;
 }
 
