@@ -26,6 +26,7 @@ class Task {
     wait();
     stop_ = false;
     outcome_.reset();
+    phase_ = nullptr;
     enter("");
     thread_ = std::thread([this, work = std::move(work)] {
       auto made = guarded([&] {

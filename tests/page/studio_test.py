@@ -658,8 +658,8 @@ class StudioTest(unittest.TestCase):
             # Small pictures come meanwhile: six that wait would use up a browser's connections.
             text = json.dumps([{"Name": "one", "RGBPoints": [100, 1, 0, 0, 200, 1, 1, 0],
                                 "Points": [100, 0, 0.5, 0, 200, 0.3, 0.5, 0]}])
-            first = json.loads(studio.ask("presets", {"name": "one.json", "text": text})[1])["first"]
-            self.assertEqual(studio.ask(f"preset/{first}")[0], 200)
+            said = studio.ask("presets", {"name": "one.json", "text": text})[1]
+            self.assertEqual(studio.ask(f"preset/{json.loads(said)['first']}")[0], 200)
             self.assertNotIn("field", studio.state()["build"])
             other.run("document.getElementById('picture').focus()")
             other.call("Input.dispatchKeyEvent", type="keyDown", key="ArrowLeft")
@@ -670,7 +670,8 @@ class StudioTest(unittest.TestCase):
             self.assertIn("field", self.built(studio))
             page = self.open(studio)
             page.wait("!document.getElementById('result').hidden")
-            page.run("""navigator.clipboard.writeText = async (text) => { globalThis.copied = text; };
+            page.run("""
+              navigator.clipboard.writeText = async (text) => { globalThis.copied = text; };
               document.getElementById('copypublish').click()""")
             self.assertEqual(page.run("copied"), studio.state()["build"]["publish"])
             page.run("document.getElementById('copy').click()")

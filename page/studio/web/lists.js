@@ -117,7 +117,9 @@ addEventListener('keydown', (event) => {
   if (placing && event.key === 'Escape') say(''), placing = false;
 });
 for (const id of ['statename', 'viewname', 'notename'])
-  byId(id).onkeydown = ({key, target}) => { if (key === 'Enter') target.nextElementSibling.click(); };
+  byId(id).onkeydown = ({key, target}) => {
+    if (key === 'Enter') target.nextElementSibling.click();
+  };
 export async function tap(x, y) {
   if (!placing) return;
   placing = false;
