@@ -9,7 +9,7 @@
 namespace slf {
 
 /// Runs of tiles that a codec which predicts is fitted to; those of a sketch give nearly the same.
-constexpr std::uint64_t kTrainingRuns = 12, kSketchedRuns = 4;
+constexpr std::uint64_t kTrainingRuns = 24, kSketchedRuns = 4;
 /// At most so many, but not too large a share of the field.
 [[nodiscard]] std::uint64_t training_runs(const FieldShape& shape, std::uint64_t most);
 
