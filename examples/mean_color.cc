@@ -19,7 +19,7 @@ int main(int argc, char** argv) {
   }
   slf::Renderer renderer(*field);
   const auto image = renderer.render(slf::orbit_camera(field->shape().sphere, 30, 20, 3, 256, 256),
-                                     {slf::default_mode(*field), field->shape().levels});
+                                     {slf::default_mode(*field), field->shape().finest_level});
   if (!image) {
     std::fprintf(stderr, "mean_color: %s\n", image.error().message.c_str());
     return static_cast<int>(image.error().code);
