@@ -41,7 +41,7 @@ slf::Result<void> draw_progressively(const slf::Field& field, const char* path) 
 slf::Result<void> fly(const slf::Field& field) {
   slf::PlayOptions options;
   options.view.mode = slf::default_mode(field);
-  options.view.level = field.shape().levels;
+  options.view.level = field.shape().finest_level;
   auto player = slf::Player::make(field, options);
   if (!player) return tl::unexpected(player.error());
   const auto path = slf::CameraPath::orbit(field.shape().sphere, 0, 20, 3, 0.1, 1);
