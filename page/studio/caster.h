@@ -72,7 +72,7 @@ class Caster {
   std::shared_ptr<const Volume> volume();
   /// What readers want people to know.
   std::vector<std::string> notes();
-  /// Draws nothing better than direct light while it is paused.
+  /// While it is paused, it draws thumbnails, and one picture of each view, of light that is there.
   void pause(bool paused);
 
  private:

@@ -108,9 +108,9 @@ Result<Draft> Draft::open(const Recipe& recipe, const StudioOptions& options) {
   return draft;
 }
 
-bool Draft::leaves_a_recipe() const {
+bool Draft::is_of_another(const std::string& path) const {
   std::error_code ignored;
-  return !owned_.contains(recipe_path) && fs::exists(recipe_path, ignored);
+  return !owned_.contains(path) && fs::exists(path, ignored);
 }
 
 /// A page reads no other file than those that are known.
@@ -161,10 +161,11 @@ Result<void> Draft::save() {
   const bool has_views = std::ranges::any_of(views, says);
   if (has_views) written.push_back(views_path);
   for (const std::string& path : written)
-    if (!owned_.contains(path) && fs::exists(path, ignored))
-      return fail(ErrorCode::usage, path,
-                  ": exists, and this studio did not begin with it; go on with it by slf view ",
-                  recipe_path, ", move it, or name another recipe by --save, another output by -o");
+    if (is_of_another(path))
+      return fail(
+          ErrorCode::usage, path,
+          ": exists, and this studio did not begin with it; move it, or name another recipe "
+          "by --save, another output by -o");
   SLF_TRY(whole());
   const fs::path where = fs::absolute(recipe_path).parent_path();
   json out = document;

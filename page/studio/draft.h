@@ -35,8 +35,8 @@ class Draft {
   /// Removes files of take() that no recipe names.
   void tidy() const;
   [[nodiscard]] bool saved() const;
-  /// Whether another recipe is where this one would be saved.
-  [[nodiscard]] bool leaves_a_recipe() const;
+  /// Whether there is such a file, which this studio did not begin with and did not write.
+  [[nodiscard]] bool is_of_another(const std::string& path) const;
 
   Recipe base;
   nlohmann::json document, shown;  ///< the recipe, with states; and what is shown of it

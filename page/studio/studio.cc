@@ -241,7 +241,7 @@ json Studio::State::state() {
     known[0].function.name = "automatic";
   }
   auto notes = caster.notes();
-  if (draft.leaves_a_recipe())
+  if (draft.is_of_another(draft.recipe_path))
     notes.push_back(concat(draft.recipe_path, " is there from another time: slf view ",
                            word(draft.recipe_path), " goes on with it."));
   json all{{"name", fs::path(draft.base.input).filename().string()},

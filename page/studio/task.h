@@ -27,7 +27,7 @@ class Task {
     stop_ = false;
     outcome_.reset();
     phase_ = nullptr;
-    enter("");
+    enter("Reading");
     thread_ = std::thread([this, work = std::move(work)] {
       auto made = guarded([&] {
         return work([this](const Progress& progress) {

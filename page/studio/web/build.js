@@ -109,7 +109,7 @@ export async function follow() {
     }
     byId('progress').value = build.total > 0 ? build.done / build.total : 0;
     const left = build.done > 0 ? build.seconds * (build.total / build.done - 1) : 0;
-    byId('said').textContent = `${build.phase || 'Reading'}: ${clock(build.seconds)}` +
+    byId('said').textContent = `${build.phase}: ${clock(build.seconds)}` +
       (left > 0 ? `, ${clock(left)} left` : '');
     await sleep(400);
   }
