@@ -71,8 +71,8 @@ export function attach(canvas, camera, {
       }
       tapped = {now, x, y};
       if (event.type === 'pointerup') tap(x, y);
+      moved();  // which ends what moves by itself; the end of a drag changes nothing
     }
-    moved();
   };
   canvas.addEventListener('pointerup', end);
   canvas.addEventListener('pointercancel', end);

@@ -16,7 +16,7 @@ const kTileBytes = 192 << 20;  // of textures
 const kFrame = 40;             // milliseconds: slower frames of a moving camera have fewer pixels,
 const kMinScale = 0.2;         // but at least this share along each edge;
 const kStill = 250;            // the same for levels that others will replace
-const kWorth = 1.25;           // more pixels of the same view: so many times along each edge
+const kWorth = 1.25;           // more pixels or fewer: so many times along each edge
 const kFade = 3;               // frames until a finer picture has replaced a coarser one
 const kRise = 4;               // levels a second that a part of a moving picture gets finer by
 const kLook = 250;             // milliseconds between looks at whether a level is complete
@@ -343,13 +343,14 @@ export class Viewer {
   }
 
   // Draws a picture, which has fewer pixels where it would take longer, but no fewer than the one
-  // before of the same view, and more only where that is worth moving them all. Resolves to whether
-  // no pixel lacks a tile.
+  // before of the same view. Other pixels lie elsewhere, so their number changes only where that is
+  // worth it. Resolves to whether no pixel lacks a tile.
   quickly(view, milliseconds) {
     const {canvas, renderer, version} = this, time = renderer.cost * canvas.width * canvas.height;
-    const before = this.scaled?.version === version ? this.scaled.scale : 0;
+    const {scale: before = 0, version: last} = this.scaled ?? {};
     const fits = Math.sqrt(milliseconds / (time || 4 * milliseconds));
-    const scale = fits < kWorth * before ? before : Math.min(1, Math.max(kMinScale, fits));
+    const keeps = fits < kWorth * before && (last === version || kWorth * fits > before);
+    const scale = keeps ? before : Math.min(1, Math.max(kMinScale, fits));
     this.scaled = {version, scale};
     return this.drawn(renderer.draw({...view, stamp: undefined}, scale));
   }
