@@ -318,10 +318,12 @@ Result<BuildReport> build(std::span<const FieldState> states, const std::string&
   const auto geometries = [&](unsigned level) -> const LevelGeometry& {
     return tracer.geometry(level);
   };
+  KeptTiles source(tracer, budget.cache);
   const auto codec =
       SLF_TRY(earlier   ? Result<CodecPointer>(std::move(earlier->codec))
               : coarser ? codec_of(*coarser)
-                        : train_codec(tracer, geometries, manifest, budget.threads, go_on));
+                        : train_codec(source, geometries, manifest, budget.threads, go_on));
+  source.stop_keeping();
   auto writer = SLF_TRY(!earlier   ? FieldWriter::create(output, FieldWriter::Draft::keep, manifest,
                                                          codec->tables(), kept)
                         : in_place ? FieldWriter::edit(path, earlier->transaction)
@@ -333,7 +335,7 @@ Result<BuildReport> build(std::span<const FieldState> states, const std::string&
                         manifest.keeps_rays);
   WritePlan plan{manifest, budget, &coder, tiles, {}, options.commit_seconds};
   if (coarser) plan.coarser.emplace(Field::of(coarser), TileReaderOptions{budget.cache});
-  const auto written = write_tiles(tracer, plan, missing, writer, reporter);
+  const auto written = write_tiles(source, plan, missing, writer, reporter);
   // What was written in place ends with an index even so.
   if (!written && written.error().code == ErrorCode::cancelled && in_place)
     SLF_TRY(writer.finish());

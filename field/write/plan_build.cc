@@ -8,6 +8,7 @@
 #include "base/try.h"
 #include "field/write/size_estimate.h"
 #include "field/write/train_codec.h"
+#include "field/write/write_budget.h"
 
 namespace slf {
 namespace {
@@ -94,18 +95,15 @@ Result<BuildForecast> forecast_build(std::span<const FieldState> states,
     return tracer.geometry(level);
   };
   const std::chrono::duration<double> prepared = std::chrono::steady_clock::now() - begin;
+  const KeptTiles kept_tiles(tracer, cache_share(options.memory));
   const auto codec = SLF_TRY(train_codec(
-      tracer, geometries, manifest, threads, [&] { return reporter.go_on(); }, kSketchedRuns));
-  const std::chrono::duration<double> trained = std::chrono::steady_clock::now() - begin - prepared;
-  const auto runs = [&](std::uint64_t most) {
-    return static_cast<double>(std::max<std::uint64_t>(1, training_runs(one_state(shape), most)));
-  };
+      kept_tiles, geometries, manifest, threads, [&] { return reporter.go_on(); }, kSketchedRuns));
 
   const TileCoder coder(shape, manifest.format, *codec, geometries, states.size() > 1,
                         manifest.keeps_rays);
   SizeEstimate total;
   for (unsigned level = 0; level <= shape.finest_level; ++level) {
-    const auto sampled = SLF_TRY(sample_tiles(tracer, coder, order, order.level(level),
+    const auto sampled = SLF_TRY(sample_tiles(tracer, kept_tiles, coder, order, order.level(level),
                                               sampled_tiles(shape, level), threads, reporter));
     total += sampled;
   }
@@ -117,8 +115,7 @@ Result<BuildForecast> forecast_build(std::span<const FieldState> states,
   return BuildForecast{order.count(),
                        total.sampled,
                        count_rays(tracer, order, shape.finest_level, all),
-                       prepared.count() + total.seconds / threads +
-                           trained.count() * runs(kTrainingRuns) / runs(kSketchedRuns),
+                       prepared.count() + total.seconds / threads,
                        file.bytes,
                        file.error_bytes};
 } catch (...) {

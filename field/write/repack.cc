@@ -288,8 +288,8 @@ Result<RepackEstimate> estimate_repack(const Field& handle, const RepackOptions&
   if (plan.copy) total = SLF_TRY(count(handle, shape));
   for (unsigned level = 0; !plan.copy && level <= shape.finest_level; ++level) {
     const auto sampled =
-        SLF_TRY(at_place(sample_tiles(*plan.source, coder, order, order.level(level), kSample,
-                                      thread_count(options.threads), reporter),
+        SLF_TRY(at_place(sample_tiles(*plan.source, *plan.source, coder, order, order.level(level),
+                                      kSample, thread_count(options.threads), reporter),
                          handle.path()));
     total += sampled;
   }

@@ -55,9 +55,9 @@ Result<bool> is_repeated(const TileSource& source, const SourceTile& tile) {
   return false;
 }
 
-/// `predicts`: whether to predict it, too.
-Result<SampledTile> encode_sample(const TileSource& source, const TileCoder& coder, TileKey key,
-                                  bool predicts) {
+/// `predicts`: whether to predict it, too, from tiles of `coarser`.
+Result<SampledTile> encode_sample(const TileSource& source, const TileSource& coarser,
+                                  const TileCoder& coder, TileKey key, bool predicts) {
   SourceTile tile;
   SampledTile sampled;
   double begin = thread_seconds();
@@ -73,17 +73,19 @@ Result<SampledTile> encode_sample(const TileSource& source, const TileCoder& cod
   sampled.alone = sampled.predicted = payload.size();
   sampled.stored = true;
   if (!predicts) return sampled;
+  begin = thread_seconds();
   const std::vector<TileKey> references = coder.choose(key, tile.samples);
   if (references.empty()) return sampled;
+  sampled.encoding = thread_seconds() - begin;
   std::vector<SourceTile> tiles(references.size());
   std::vector<ReferenceSamples> from;
   for (std::size_t k = 0; k < references.size(); ++k) {
-    SLF_TRY(source.tile(references[k], tiles[k]));
+    SLF_TRY(coarser.tile(references[k], tiles[k]));
     from.push_back({references[k], tiles[k].samples});
   }
   begin = thread_seconds();
   SLF_TRY(coder.encode(key, tile.samples, from, payload));
-  sampled.encoding = thread_seconds() - begin;
+  sampled.encoding += thread_seconds() - begin;
   sampled.predicted = payload.size();
   return sampled;
 }
@@ -98,15 +100,15 @@ SizeEstimate& SizeEstimate::operator+=(const SizeEstimate& more) {
 
 double SizeEstimate::error() const { return kDeviations * std::sqrt(variance); }
 
-Result<SizeEstimate> sample_tiles(const TileSource& source, const TileCoder& coder,
-                                  const TileOrder& order, NumberRange tiles, std::uint64_t samples,
-                                  unsigned threads, Reporter& progress) {
+Result<SizeEstimate> sample_tiles(const TileSource& source, const TileSource& coarser,
+                                  const TileCoder& coder, const TileOrder& order, NumberRange tiles,
+                                  std::uint64_t samples, unsigned threads, Reporter& progress) {
   const std::uint64_t begin = tiles.begin, count = tiles.count();
   const std::uint64_t taken = std::min(count, samples);
   const std::uint64_t share = taken == count ? 1 : kPredictedShare;
   const auto encode = [&](std::uint64_t k) {
     const std::uint64_t first = begin + count * k / taken, next = begin + count * (k + 1) / taken;
-    return encode_sample(source, coder, order.key(first + mix(first) % (next - first)),
+    return encode_sample(source, coarser, coder, order.key(first + mix(first) % (next - first)),
                          k % share == 0);
   };
   // Two-phase sampling (Cochran, Sampling Techniques, 12.5): bytes alone of all that are sampled,

@@ -22,12 +22,12 @@ struct SizeEstimate {
 };
 
 /// Divides tiles into `samples` equal ranges, and estimates by encoding one tile of each, which
-/// depends on their numbers alone; of some of them, also with prediction, from the source's
-/// samples, not from decoded ones. Progress counts samples.
-[[nodiscard]] Result<SizeEstimate> sample_tiles(const TileSource& source, const TileCoder& coder,
-                                                const TileOrder& order, NumberRange tiles,
-                                                std::uint64_t samples, unsigned threads,
-                                                Reporter& progress);
+/// depends on their numbers alone; of some of them, also with prediction, from samples that
+/// `coarser` has of the same tiles, not from decoded ones. Progress counts samples.
+[[nodiscard]] Result<SizeEstimate> sample_tiles(const TileSource& source, const TileSource& coarser,
+                                                const TileCoder& coder, const TileOrder& order,
+                                                NumberRange tiles, std::uint64_t samples,
+                                                unsigned threads, Reporter& progress);
 
 /// Of a file with these payloads, besides what it keeps of `kept` bytes.
 struct FileEstimate {

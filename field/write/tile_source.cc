@@ -89,4 +89,29 @@ TileReader DecodedTiles::reader(std::uint64_t state) const {
   return kept->second;
 }
 
+Result<void> KeptTiles::tile(TileKey key, SourceTile& tile) const {
+  {
+    const std::lock_guard lock(mutex_);
+    if (const auto found = kept_.find(key); found != kept_.end()) {
+      if (keeps_) {
+        tile = found->second;
+      } else {
+        tile = std::move(found->second);
+        kept_.erase(found);
+      }
+      return {};
+    }
+  }
+  SLF_TRY(source_.tile(key, tile));
+  if (!keeps_) return {};
+  const std::uint64_t bytes = tile.ref.state == TileState::stored ? tile.samples.size() : 0;
+  const std::lock_guard lock(mutex_);
+  if (bytes_ + bytes > memory_) return {};
+  const auto [kept, added] = kept_.try_emplace(key, SourceTile{tile.ref, {}});
+  if (!added) return {};
+  if (bytes > 0) kept->second.samples = tile.samples;
+  bytes_ += bytes;
+  return {};
+}
+
 }  // namespace slf

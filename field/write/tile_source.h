@@ -5,10 +5,12 @@
 // | TileTracer | samples, traced in scenes |
 // | StoredTiles | payloads of a container, to be copied |
 // | DecodedTiles | samples of fields, states and composed fields, to be encoded again |
+// | KeptTiles | what another source has made before |
 #pragma once
 
 #include <array>
 #include <cstdint>
+#include <map>
 #include <memory>
 #include <mutex>
 #include <optional>
@@ -80,6 +82,29 @@ class DecodedTiles final : public TileSource {
   /// States are read one after the other, so two readers are enough: the threads that are ahead may
   /// have begun the next one.
   mutable std::array<std::optional<std::pair<std::uint64_t, TileReader>>, 2> readers_;
+};
+
+/// Keeps tiles of a source that takes long, so that it makes them once: those that a codec is
+/// fitted to are written later.
+class KeptTiles final : public TileSource {
+ public:
+  /// `source` must outlive this. `memory`: bytes of samples that are kept.
+  KeptTiles(const TileSource& source, std::uint64_t memory) : source_(source), memory_(memory) {}
+
+  [[nodiscard]] Result<void> tile(TileKey key, SourceTile& tile) const override;
+  void prefetch(std::span<const TileKey> keys) const override { source_.prefetch(keys); }
+  [[nodiscard]] std::uint64_t work(unsigned level) const override { return source_.work(level); }
+  /// From now on each tile is asked for once more, so a tile that is kept is moved out, and none is
+  /// added.
+  void stop_keeping() { keeps_ = false; }
+
+ private:
+  const TileSource& source_;
+  const std::uint64_t memory_;
+  bool keeps_ = true;
+  mutable std::mutex mutex_;
+  mutable std::uint64_t bytes_ = 0;
+  mutable std::map<TileKey, SourceTile> kept_;
 };
 
 }  // namespace slf

@@ -72,10 +72,6 @@ class RunEncoder {
 
 }  // namespace
 
-std::uint64_t training_runs(const FieldShape& shape, std::uint64_t most) {
-  return std::min(most, shape.tiles(shape.finest_level) / (kRunTiles * kShare));
-}
-
 Result<std::unique_ptr<codec::Codec>> train_codec(const TileSource& source,
                                                   const TileCoder::Geometries& geometries,
                                                   const Manifest& manifest, unsigned threads,
@@ -100,7 +96,7 @@ Result<std::unique_ptr<codec::Codec>> train_codec(const TileSource& source,
   }
   auto general =
       SLF_TRY(codec::train_codec(manifest.codec, manifest.format, tiles, shape.finest_level));
-  runs = training_runs(shape, runs);
+  runs = std::min(runs, finest.count() / (kRunTiles * kShare));
   if (!general->four_taps() || runs == 0 ||
       finest.count() * shape.max_tile_samples() < kLeastSamples)
     return general;

@@ -3,6 +3,7 @@
 
 #include "base/ascii.h"
 #include "base/try.h"
+#include "base/utf8.h"
 #include "source/mesh/builder.h"
 #include "source/volume/io.h"
 
@@ -13,7 +14,7 @@ using volume_io::parse_number;
 
 constexpr std::size_t kHeader = 84, kFacet = 50;
 
-/// Many programs begin binary files with "solid", too. Text has no zeros.
+/// Many programs begin binary files with "solid", too. Text has no zeros, but for some at its end.
 bool is_text(std::string_view bytes) {
   const std::string_view start = trim(without_byte_order_mark(bytes.substr(0, 4096)));
   const std::string small = lower_case(start);
@@ -102,7 +103,11 @@ Result<void> read_binary(ByteSpan bytes, MeshBuilder& to) {
 }  // namespace
 
 Result<void> read_stl(ByteSpan bytes, MeshBuilder& to) {
-  const std::string_view text = chars_of(bytes);
+  const std::string_view chars = chars_of(bytes);
+  const bool wide = chars.starts_with("\xFF\xFE") || chars.starts_with("\xFE\xFF");
+  std::string made;
+  const std::string_view text =
+      wide ? as_utf8(chars, made) : chars.substr(0, chars.find_last_not_of('\0') + 1);
   SLF_TRY(is_text(text) ? read_text(text, to) : read_binary(bytes, to));
   MeshMaterial material;
   if (to.mesh().colors.empty()) material.color = glm::vec4(glm::vec3(kPlainColor), 1);

@@ -96,13 +96,43 @@ globalThis.right = document.getElementById('a') instanceof SlfField;""")
     def settled(self, page):
         page.wait("one().viewer.state === 'settled'")
 
-    def test_many_mounts_leave_what_ten_leave(self):
-        """Workers, listeners, nodes and memory; some elements are removed while they load.
-        SLF_MOUNTS=1000 mounts so many; otherwise as many as 8 seconds allow, in full checks 20."""
+    def leaves_what_ten_leave(self, page):
+        """Calls the page's mount(k), and compares the workers, listeners, nodes and memory that 10
+        and many calls leave. SLF_MOUNTS=1000 makes so many; otherwise there are as many as 8
+        seconds allow, in full checks 20."""
         mounts = int(os.environ.get("SLF_MOUNTS", 0))
+        page.call("Performance.enable")
+
+        def mount(begin):
+            page.run(f"(async () => {{ for (let i = {begin}; i < {begin + 10}; ++i) "
+                     "await mount(i); })()", 120)
+
+        def left():
+            time.sleep(0.5)
+            page.call("HeapProfiler.collectGarbage")
+            counts = {one["name"]: one["value"]
+                      for one in page.call("Performance.getMetrics")["metrics"]}
+            return page.run("workers"), *(counts[name] for name in [
+                "JSEventListeners", "Nodes", "JSHeapUsedSize"])
+
+        mount(0)
+        ten, count, until = left(), 10, time.monotonic() + (20 if FULL else 8)
+        while count < mounts or (not mounts and time.monotonic() < until):
+            mount(count)
+            count += 10
+        many = left()
+        print(f"10 mounts leave {ten}, {count} leave {many}: workers, listeners, nodes, bytes",
+              flush=True)
+        self.assertEqual((ten[0], many[0]), (0, 0))
+        self.assertLessEqual(many[1], ten[1] + 2)
+        self.assertLessEqual(many[2], ten[2] + 20)
+        self.assertLess(many[3], ten[3] + (1 << 20))
+        self.assertEqual(page.run("wrong"), [])
+
+    def test_many_mounts_leave_what_ten_leave(self):
+        """Some elements are removed while they load."""
         with Host(self.site()) as host:
             page = self.embedded(host, "")
-            page.call("Performance.enable")
             page.run("""globalThis.mount = async (i) => {
               const element = document.createElement('slf-field');
               element.src = 'field.slf';
@@ -113,32 +143,7 @@ globalThis.right = document.getElementById('a') instanceof SlfField;""")
               if (i % 5 === 0) document.body.prepend(element);
               element.remove();
             }; 0""")
-
-            def mount(begin):
-                page.run(f"(async () => {{ for (let i = {begin}; i < {begin + 10}; ++i) "
-                         "await mount(i); })()", 120)
-
-            def left():
-                time.sleep(0.5)
-                page.call("HeapProfiler.collectGarbage")
-                counts = {one["name"]: one["value"]
-                          for one in page.call("Performance.getMetrics")["metrics"]}
-                return page.run("workers"), *(counts[name] for name in [
-                    "JSEventListeners", "Nodes", "JSHeapUsedSize"])
-
-            mount(0)
-            ten, count, until = left(), 10, time.monotonic() + (20 if FULL else 8)
-            while count < mounts or (not mounts and time.monotonic() < until):
-                mount(count)
-                count += 10
-            many = left()
-            print(f"10 mounts leave {ten}, {count} leave {many}: workers, listeners, nodes, bytes",
-                  flush=True)
-            self.assertEqual((ten[0], many[0]), (0, 0))
-            self.assertLessEqual(many[1], ten[1] + 2)
-            self.assertLessEqual(many[2], ten[2] + 20)
-            self.assertLess(many[3], ten[3] + (1 << 20))
-            self.assertEqual(page.run("wrong"), [])
+            self.leaves_what_ten_leave(page)
             page.close()
 
     def test_an_element_that_is_moved_stays_as_it_is(self):
@@ -430,10 +435,10 @@ globalThis.right = document.getElementById('a') instanceof SlfField;""")
           const [given, give] = useState({view: '60,10,3', 'min-distance': 2});
           globalThis.give = give;
           const field = useRef(null);
-          useEffect(() => field.current.addEventListener('ready',
-            () => { globalThis.heard = true; }), []);
-          return <slf-field ref={field} src="field.slf" {...given}
-                            oncamera={() => { globalThis.moved = true; }}/>;
+          useEffect(() => field.current?.addEventListener('ready',
+            () => { globalThis.heard = true; }));
+          return given && <slf-field ref={field} src="field.slf" {...given}
+                                     oncamera={() => { globalThis.moved = true; }}/>;
         }
         if (globalThis.document) hydrateRoot(document.querySelector('main'), <App/>);
         else {
@@ -445,12 +450,12 @@ globalThis.right = document.getElementById('a') instanceof SlfField;""")
         import {renderToString} from 'vue/server-renderer';
         const given = ref({view: '60,10,3', 'min-distance': 2});
         globalThis.give = (value) => { given.value = value; };
-        const app = createSSRApp({render: () => h('slf-field', {
+        const app = createSSRApp({render: () => given.value && h('slf-field', {
           src: 'field.slf', ...given.value, onReady() { globalThis.heard = true; },
           onCamera() { globalThis.moved = true; }})});
         if (globalThis.document) app.mount('main');
         else renderToString(app).then(console.log);"""
-    TYPES = """import type {} from 'slf-field/react';
+    REACT_TYPES = """import type {} from 'slf-field/react';
         import {SlfField} from 'slf-field';
         export const shown = <slf-field src="a.slf" autoRotate minDistance={2} tour="6"
           onprogress={({detail}) => detail.totalProgress.toFixed()}/>;
@@ -459,6 +464,17 @@ globalThis.right = document.getElementById('a') instanceof SlfField;""")
         // @ts-expect-error
         export const wrong = <slf-field minDistance="near"/>;
         export const one: SlfField | null = null;"""
+    VUE_TYPES = """<script setup lang="ts">
+          import type {} from 'slf-field/vue';
+        </script>
+        <template>
+          <slf-field src="a.slf" class="it" auto-rotate :min-distance="2" tour="6"
+                     @progress="({detail}) => detail.totalProgress.toFixed()"/>
+          <!-- @vue-expect-error -->
+          <slf-field min-distance="near"/>
+          <!-- @vue-expect-error -->
+          <slf-field @camera="({detail}) => detail.nothing"/>
+        </template>"""
 
     def test_the_element_in_react_and_vue(self):
         """Rendered on a server, hydrated in a browser, and changed there."""
@@ -472,7 +488,7 @@ globalThis.right = document.getElementById('a') instanceof SlfField;""")
                 ("react18", self.REACT, ["react@18", "react-dom@18"]),
                 ("react19", self.REACT, ["react@19", "react-dom@19", "@types/react@19",
                                          "typescript@5"]),
-                ("vue3", self.VUE, ["vue@3"])]:
+                ("vue3", self.VUE, ["vue@3", "vue-tsc@3", "typescript@5"])]:
             folder = path(name)
             os.makedirs(folder, exist_ok=True)
             if not os.path.exists(os.path.join(folder, "node_modules")) and subprocess.run(
@@ -510,14 +526,33 @@ globalThis.right = document.getElementById('a') instanceof SlfField;""")
                 if name != "react18":
                     page.wait("globalThis.moved", 10)
                 self.assertEqual(page.run("[one().minDistance, wrong]"), [1.02, []])
+                page.run("""globalThis.until = async (holds) => {
+                    while (!holds()) await new Promise(requestAnimationFrame);
+                  };
+                  globalThis.mount = async (i) => {
+                    heard = false;
+                    give({view: '60,10,3'});
+                    await until(() => i % 3 ? heard : document.querySelector('slf-field'));
+                    give(null);
+                    await until(() => !document.querySelector('slf-field'));
+                  };
+                  (async () => { give(null); await until(() => !one()); })()""")
+                self.leaves_what_ten_leave(page)
                 page.close()
-        with open(path("react19/types.tsx"), "w") as file:
-            file.write(self.TYPES)
-        checked = subprocess.run(
-            ["node_modules/.bin/tsc", "--noEmit", "--strict", "--jsx", "react-jsx", "--module",
-             "nodenext", "--target", "es2022", "types.tsx"], cwd=path("react19"),
-            capture_output=True, text=True)
-        self.assertEqual(checked.stdout, "")
+        for name, source, command in [
+                ("react19/types.tsx", self.REACT_TYPES, ["tsc", "--jsx", "react-jsx", "types.tsx"]),
+                ("vue3/types.vue", self.VUE_TYPES, ["vue-tsc"])]:
+            folder = path(os.path.dirname(name))
+            with open(path(name), "w") as file:
+                file.write(source)
+            settings = ["--noEmit", "--strict", "--module", "nodenext", "--target", "es2022"]
+            if command == ["vue-tsc"]:  # takes no names of files
+                with open(os.path.join(folder, "tsconfig.json"), "w") as file:
+                    json.dump({"include": ["types.vue"]}, file)
+            checked = subprocess.run(
+                [os.path.join(folder, "node_modules/.bin", command[0]), *settings, *command[1:]],
+                cwd=folder, capture_output=True, text=True)
+            self.assertEqual(checked.stdout, "")
 
     def test_a_page_says_what_it_is_about(self):
         about = {"title": "<A> brain", "author": "A. Author", "licence": "CC BY 4.0",

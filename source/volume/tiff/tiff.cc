@@ -17,6 +17,9 @@ using image_formats::check_compression;
 using image_formats::has_planes;
 using image_formats::TiffFile;
 
+/// Whether samples without sign of so many bits are packed.
+constexpr bool is_packed(unsigned bits) { return bits < 16 && bits != 8; }
+
 Result<SliceKind> kind_of(const TiffFile& file) {
   SliceKind kind{.width = file.tag<std::uint32_t>(TIFFTAG_IMAGEWIDTH, 0),
                  .height = file.tag<std::uint32_t>(TIFFTAG_IMAGELENGTH, 0),
@@ -26,11 +29,15 @@ Result<SliceKind> kind_of(const TiffFile& file) {
   const auto bits = file.tag<std::uint16_t>(TIFFTAG_BITSPERSAMPLE, 1);
   const auto format = file.tag<std::uint16_t>(TIFFTAG_SAMPLEFORMAT, SAMPLEFORMAT_UINT);
   const char letter = format == SAMPLEFORMAT_IEEEFP ? 'f' : format == SAMPLEFORMAT_INT ? 'i' : 'u';
-  const bool half = letter == 'f' && bits == 16, bit = letter == 'u' && bits == 1;
-  const auto type = parse_scalar_type(half ? "f32" : bit ? "u8" : letter + std::to_string(bits));
+  const bool half = letter == 'f' && bits == 16, packed = letter == 'u' && is_packed(bits);
+  const auto type = parse_scalar_type(half     ? "f32"
+                                      : packed ? bits < 8 ? "u8" : "u16"
+                                               : letter + std::to_string(bits));
   if (!type || (letter == 'u' && format != SAMPLEFORMAT_UINT && format != SAMPLEFORMAT_VOID))
     return unsupported(file.path, "samples of ", bits, " bits, format ", format,
-                       ", expected 1, 8, 16, 32 or 64 bits");
+                       ", expected 1 to 16, 32 or 64 bits");
+  if (packed && TIFFIsTiled(file.tiff.get()))
+    return unsupported(file.path, "samples of ", bits, " bits in tiles");
   kind.type = *type;
   std::uint16_t extra = 0;
   std::uint16_t* meanings = nullptr;
@@ -41,18 +48,25 @@ Result<SliceKind> kind_of(const TiffFile& file) {
 }
 
 /// Calls `take` with the rows of a plane of this page. A pixel has this number of samples. Half
-/// floats become floats, and bits bytes.
+/// floats become floats, and samples of fewer bits bytes or, of more than 8, words.
 Result<void> read_rows(TiffFile& file, const SliceKind& kind, std::uint32_t samples,
                        std::uint32_t plane, const image_formats::TakeRows& take) {
   const auto bits = file.tag<std::uint16_t>(TIFFTAG_BITSPERSAMPLE, 1);
-  if (bits == 1) {
-    const std::uint32_t values = kind.width * samples, row = (values + 7) / 8;
+  if (is_packed(bits)) {
+    const std::uint64_t values = std::uint64_t{kind.width} * samples, row = (values * bits + 7) / 8;
+    if (row > 1U << 31) return file.damaged();
     return image_formats::read_rows(
-        file, {row, kind.height, 1}, plane, [&](std::span<const std::byte> rows) {
+        file, {static_cast<std::uint32_t>(row), kind.height, 1}, plane,
+        [&](std::span<const std::byte> rows) {
           std::vector<std::byte> bytes;
           for (; rows.size() >= row; rows = rows.subspan(row))
-            for (std::uint32_t x = 0; x < values; ++x)
-              bytes.push_back((rows[x / 8] >> (7 - x % 8)) & std::byte{1});
+            for (std::uint64_t x = 0, at = 0; x < values; ++x) {
+              unsigned value = 0;
+              for (unsigned k = 0; k < bits; ++k, ++at)
+                value = value << 1 | (std::to_integer<unsigned>(rows[at / 8]) >> (7 - at % 8) & 1);
+              bytes.push_back(static_cast<std::byte>(value));
+              if (bits > 8) bytes.push_back(static_cast<std::byte>(value >> 8));
+            }
           return take(bytes);
         });
   }

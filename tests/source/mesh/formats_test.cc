@@ -824,6 +824,13 @@ TEST_F(MeshFormats, PointsAndSplatsAreNamed) {
   EXPECT_THAT(splats.message, HasSubstr("Gaussian splats"));
 }
 
+/// ASCII as UTF-16 with a mark, as PowerShell redirects text.
+std::string as_utf16(const std::string& text) {
+  std::string wide = "\xFF\xFE";
+  for (const char c : text) wide += {c, '\0'};
+  return wide;
+}
+
 TEST_F(MeshFormats, StlOfAnyProgram) {
   const std::string facet =
       "facet normal 0 0 1\n  outer loop\n   vertex 0 0 0\n vertex 1 0 0\nvertex 0 1 0\n endloop\n"
@@ -835,7 +842,9 @@ TEST_F(MeshFormats, StlOfAnyProgram) {
         "solid a\n" + facet + "endsolid a\nsolid b\nendsolid b\n",
         "SOLID A\r\n" + lower + "ENDSOLID A\r\n", "solid a\n" + facet + "end solid a\n",
         "\xEF\xBB\xBFsolid a\n" + facet + "endsolid a\n",
-        "# a comment\nsolid a\n" + facet + "endsolid a\n"}) {
+        "# a comment\nsolid a\n" + facet + "endsolid a\n",
+        "solid a\n" + facet + "endsolid a\n" + std::string(3, '\0'),
+        as_utf16("solid a\n" + facet + "endsolid a\n")}) {
     const auto mesh = read("a.stl", text);
     ASSERT_TRUE(mesh) << text << mesh.error().message;
     EXPECT_EQ(mesh->triangles.size(), 1u);

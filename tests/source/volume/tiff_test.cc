@@ -513,6 +513,26 @@ TEST(VolumeTiff, SamplesMayBeBitsOrHalfFloats) {
           bits.notes, [](const auto& note) { return note.starts_with("WhiteIsZero"); });
       EXPECT_EQ(said, kind == PHOTOMETRIC_MINISWHITE);
     }
+  const std::string twos = "\x1B\x1B\x18", fours = "\x01\x23\x45\x67\x89\xA0";
+  for (const auto& [bits, row, values] :
+       {std::tuple{2, twos, std::array{0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2}},
+        std::tuple{4, fours, std::array{0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10}}}) {
+    const auto packed = expect_read(write_pages(folder, bits, SAMPLEFORMAT_UINT, row));
+    EXPECT_EQ(packed.type, ScalarType::u8);
+    for (std::uint32_t x = 0; x < 11; ++x) EXPECT_EQ(value_at(packed, x, 3, 2), values[x]) << x;
+  }
+  const std::string words = [] {  // 11 values of 12 bits: 257 times x
+    std::string bits, bytes;
+    for (int x = 0; x < 11; ++x)
+      for (int k = 11; k >= 0; --k) bits += (257 * x >> k & 1) != 0 ? '1' : '0';
+    bits.resize((bits.size() + 7) / 8 * 8, '0');
+    for (std::size_t at = 0; at < bits.size(); at += 8)
+      bytes += static_cast<char>(std::stoi(bits.substr(at, 8), nullptr, 2));
+    return bytes;
+  }();
+  const auto packed = expect_read(write_pages(folder, 12, SAMPLEFORMAT_UINT, words));
+  EXPECT_EQ(packed.type, ScalarType::u16);
+  for (std::uint32_t x = 0; x < 11; ++x) EXPECT_EQ(value_at(packed, x, 3, 2), 257 * x) << x;
   std::string row;
   for (int x = 0; x < 11; ++x) row += std::string("\x00\x3E", 2);  // 1.5
   const auto halves = expect_read(write_pages(folder, 16, SAMPLEFORMAT_IEEEFP, row));
