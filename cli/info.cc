@@ -409,7 +409,7 @@ Result<void> run_info(const InfoArguments& arguments) {
   if (!is_field(input)) {
     if (is_mesh_name(input)) {
       Mesh mesh = SLF_TRY(read_mesh(input, source.up_axis));
-      for (const std::string& remark : mesh.notes) note(input + ": " + remark);
+      for (const std::string& remark : mesh.notes) note(fmt::format("{}: {}", input, remark));
       const auto box = box_of(mesh);
       if (arguments.json)
         print_json(MeshInfo{std::move(mesh), box});

@@ -4,6 +4,7 @@
 
 #include <cstdio>
 #include <filesystem>
+#include <optional>
 
 #include "base/file.h"
 #include "base/try.h"
@@ -72,7 +73,8 @@ bool are_fields(const std::vector<std::string>& inputs) {
          Field::open(inputs[0]);
 }
 
-Result<std::unique_ptr<page::Studio>> make_studio(const ViewArguments& a, page::Server*& server) {
+Result<std::unique_ptr<page::Studio>> make_studio(const ViewArguments& a,
+                                                  std::optional<page::Server>& server) {
   SourceArguments source = a.source;
   SLF_TRY(recipe::set(source, "input", a.inputs[0]));
   const std::filesystem::path input = source.input;
@@ -80,24 +82,28 @@ Result<std::unique_ptr<page::Studio>> make_studio(const ViewArguments& a, page::
   page::StudioOptions options;
   options.output = a.output;
   if (a.output.empty()) {
-    const std::string stem = input.filename().string();
+    // Of a folder, or of what follows "pictures:" or "scene:", its own name.
+    std::filesystem::path whole = std::filesystem::absolute(input).lexically_normal();
+    if (!whole.has_filename()) whole = whole.parent_path();
+    std::string stem = whole.filename().string();
+    stem = stem.substr(stem.find(':') + 1);
     options.output = stem.substr(0, stem.find('.', 1)) + ".slf";
   }
   options.save = a.save;
   if (is_recipe(input.string())) options.opened = input.string();
   options.threads = a.threads;
   options.show = [&server](const std::string& field) { return server->add(field); };
-  return page::Studio::make(std::move(source), std::move(options));
+  return page::Studio::make(source, std::move(options));
 }
 
 Result<void> run_view(const ViewArguments& arguments) {
   if (page::page_files().empty()) return fail(ErrorCode::unsupported, page::no_page());
   page::ServerOptions options;
-  page::Server* running = nullptr;
+  std::optional<page::Server> server;  // which the studio will add its field to
   std::unique_ptr<page::Studio> studio;
   std::vector<std::string> fields = arguments.inputs;
   if (!are_fields(fields)) {
-    studio = SLF_TRY(hinted(make_studio(arguments, running)));
+    studio = SLF_TRY(hinted(make_studio(arguments, server)));
     options.studio = [&](const page::Request& request, std::string_view rest) {
       return studio->answer(request, rest);
     };
@@ -111,17 +117,16 @@ Result<void> run_view(const ViewArguments& arguments) {
     options.address = arguments.bind;
     options.any_host = true;
   }
-  auto server = SLF_TRY(hinted(page::Server::make(fields, options)));
-  running = &server;
+  server = SLF_TRY(hinted(page::Server::make(fields, options)));
   if (arguments.json)
-    print_json(Serving{server.url()});
+    print_json(Serving{server->url()});
   else
-    print("{}\n", server.url());
+    print("{}\n", server->url());
   std::fflush(stdout);
   note("Ctrl-C ends it");
   watch_signals();
-  if (arguments.open) open_browser(server.url());
-  return server.run([] { return stop_signal() != 0; });
+  if (arguments.open) open_browser(server->url());
+  return server->run([] { return stop_signal() != 0; });
 }
 
 struct ExportArguments {

@@ -24,14 +24,14 @@ struct LoadedTile {
   enum class Stage : std::uint8_t { absent, loading, done };
   using List = std::list<LoadedTile>;
 
-  TileKey key;
   TilePage unlisted;         // of a tile of another state, which readers do not look for
   TilePage* page = nullptr;  // where readers find it, or `unlisted`
   const std::byte* first = nullptr;
-  std::size_t bytes = 0;           // of the samples
-  std::uint64_t cost = 0;          // bytes that it counts in the budget
-  std::uint64_t epoch = 0;         // of its removal
-  List::iterator place;            // in its list
+  std::size_t bytes = 0;    // of the samples
+  std::uint64_t cost = 0;   // bytes that it counts in the budget
+  std::uint64_t epoch = 0;  // of its removal
+  List::iterator place;     // in its list
+  TileKey key;
   std::optional<TileKey> lacking;  // a tile that this one is predicted from, but was never built
   std::optional<Error> error;
   storage::TileRef ref;

@@ -106,7 +106,8 @@ Result<void> KeptTiles::tile(TileKey key, SourceTile& tile) const {
   if (!keeps_) return {};
   const std::uint64_t bytes = tile.ref.state == TileState::stored ? tile.samples.size() : 0;
   const std::lock_guard lock(mutex_);
-  if (bytes_ + bytes > memory_) return {};
+  most_ = std::max(most_, source_.work(key.level));
+  if (bytes_ + bytes > memory_ / most_ * source_.work(key.level)) return {};
   const auto [kept, added] = kept_.try_emplace(key, SourceTile{tile.ref, {}});
   if (!added) return {};
   if (bytes > 0) kept->second.samples = tile.samples;

@@ -88,7 +88,8 @@ class DecodedTiles final : public TileSource {
 /// fitted to are written later.
 class KeptTiles final : public TileSource {
  public:
-  /// `source` must outlive this. `memory`: bytes of samples that are kept.
+  /// `source` must outlive this. `memory`: bytes of samples that are kept; tiles that take less
+  /// work may use a smaller share of them.
   KeptTiles(const TileSource& source, std::uint64_t memory) : source_(source), memory_(memory) {}
 
   [[nodiscard]] Result<void> tile(TileKey key, SourceTile& tile) const override;
@@ -103,7 +104,7 @@ class KeptTiles final : public TileSource {
   const std::uint64_t memory_;
   bool keeps_ = true;
   mutable std::mutex mutex_;
-  mutable std::uint64_t bytes_ = 0;
+  mutable std::uint64_t bytes_ = 0, most_ = 1;  // most_: the work of a tile
   mutable std::map<TileKey, SourceTile> kept_;
 };
 

@@ -414,7 +414,7 @@ std::optional<Response> Studio::State::act(const Request& request, std::string_v
 Studio::Studio(std::unique_ptr<State> state) : state_(std::move(state)) {}
 Studio::~Studio() = default;
 
-Result<std::unique_ptr<Studio>> Studio::make(Recipe recipe, StudioOptions options) {
+Result<std::unique_ptr<Studio>> Studio::make(const Recipe& recipe, StudioOptions options) {
   auto draft = SLF_TRY(Draft::open(recipe, options));
   auto state = std::make_unique<State>(std::move(draft), std::move(options));
   SLF_TRY(state->caster.read(recipe));

@@ -41,7 +41,8 @@ class Studio {
  public:
   /// Begins with a recipe, or with the draft that another run left beside the output. Errors as
   /// those of the reader of volumes, or of sets of pictures; others come with the first picture.
-  [[nodiscard]] static Result<std::unique_ptr<Studio>> make(Recipe recipe, StudioOptions options);
+  [[nodiscard]] static Result<std::unique_ptr<Studio>> make(const Recipe& recipe,
+                                                            StudioOptions options);
   ~Studio();
 
   /// The answer to a request, `rest` of whose path follows the studio's folder; none: not yet.

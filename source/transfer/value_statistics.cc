@@ -30,7 +30,8 @@ std::vector<double> sorted_sample(const Volume& volume) {
       std::vector<std::size_t> count(std::size_t{1} << 8 * sizeof(T));
       const auto index = [](int k) { return static_cast<std::size_t>(k - Limits::min()); };
       for (std::size_t i = 0; i < stored.size(); i += stride) ++count[index(stored[i])];
-      for (int k = Limits::min(); k <= Limits::max(); ++k) add(k, count[index(k)]);
+      for (std::size_t k = 0; k < count.size(); ++k)
+        add(static_cast<int>(k) + Limits::min(), count[k]);
     } else {
       for (std::size_t i = 0; i < stored.size(); i += stride) add(stored[i], 1);
     }

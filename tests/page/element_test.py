@@ -702,7 +702,8 @@ globalThis.right = document.getElementById('a') instanceof SlfField;""")
                 # What is the same in both is the same in the table, or comes from the field.
                 same = {row[0] for row in texts.values() if row[0] == row[number]}
                 data = re.compile(r"[^a-z]*$|[xyz]$|srgb|depth|bitri|Foo|volume|rgb|\d+:|core|"
-                                  r".* lobe|stem, white|Default labels|labels.raw|field.slf|.* [KM]iB")
+                                  r".* lobe|stem, white|Default labels|labels.raw|field.slf|"
+                                  r".* [KM]iB")
                 left = [one for one in set(found) & set(english[0]) - same if not data.match(one)]
                 self.assertEqual(left, [])
 
@@ -761,7 +762,7 @@ globalThis.right = document.getElementById('a') instanceof SlfField;""")
             script = file.read()
         views = {"views": [{"title": "Left", "text": "A text", "orbit": [90, 0, 3]}],
                  "notes": [{"label": "Note", "text": "More", "point": [0, 0, 0]}]}
-        panels = [("h", "settings"), ("l", "parts")]  # on a phone, the last one that is opened shows
+        panels = [("h", "settings"), ("l", "parts")]  # on a phone, the last one opened shows
         with self.explained(views, self.structured()) as server:
             for (width, height), dark in [((1280, 800), True), ((1280, 800), False),
                                           ((390, 844), True), ((390, 844), False)]:

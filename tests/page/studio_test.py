@@ -908,9 +908,9 @@ class StudioTest(unittest.TestCase):
                     to.write(bytes(4) + file.read(DIMS[0] * DIMS[1]))
         slf("cameras", "--sphere", "0,0,0,1", "--count", "12", "--size", "32", "-o", path("c.json"))
         slf("raycast", "scene:balls", "--cameras", path("c.json"), "-o", path("balls"))
-        for arguments, name in [(["slices", "--spacing", "1x1x1"], "slices"),
+        for arguments, name in [(["slices/", "--spacing", "1x1x1"], "slices"),
                                 (["pictures:balls"], "balls")]:
-            with Studio(*arguments, "-o", f"{name}.slf") as studio:
+            with Studio(*arguments) as studio:  # whose output has the source's name
                 page = self.open(studio, 600, 300)
                 self.assertEqual(page.run("document.getElementById('status').textContent"), "")
                 self.assertEqual(page.run("document.getElementById('presets').hidden"),

@@ -444,8 +444,8 @@ class UseTest(PageTest):
                 page.wait(f"slf.camera.toText() === '{orbit}'", 20)
             swipe(20)  # too short
             page.run("slf.camera.fromText('12.5,-40,2.25,0.1,0,0.2'), slf.moved(), 0")
-            page.run("navigator.clipboard.writeText = async (text) => { globalThis.copied = text }, "
-                     "slf.root.getElementById('copy').click(), 0")
+            page.run("navigator.clipboard.writeText = async (text) => { "
+                     "globalThis.copied = text }, slf.root.getElementById('copy').click(), 0")
             page.wait("globalThis.copied")
             copied = json.loads(page.run("copied"))
             page.close()

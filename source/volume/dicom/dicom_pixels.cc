@@ -360,9 +360,9 @@ Result<void> for_each_frame(
   for (const auto& [path, of_file] : by_file)
     if (slices[of_file.front()].compressed) compressed.push_back(slices[of_file.front()]);
   std::unique_ptr<DicomDecoder> decoder;
+  if (!compressed.empty()) decoder = SLF_TRY(DicomDecoder::start(compressed));
   for (const auto& [path, of_file] : by_file) {
     const DicomSlice& file = slices[of_file.front()];
-    if (file.compressed && !decoder) decoder = SLF_TRY(DicomDecoder::start(compressed));
     const auto pixels = SLF_TRY(file.compressed ? decoder->read(file) : read_plain(file));
     for (const std::size_t i : of_file) SLF_TRY(visit(i, frame_of(slices[i], pixels)));
   }
