@@ -116,7 +116,7 @@ Result<RayVoxels> ray_voxels(Volume& volume) {
     made.finite = has_finite_value(volume);
     replace_nonfinite(volume, made.range[0]);
   } else if (volume.type == ScalarType::u8 || volume.type == ScalarType::u16) {
-    made.labels.resize(volume.type == ScalarType::u8 ? 256 : 65536);
+    made.labels.resize(1 + static_cast<std::size_t>(stored_range(volume)[1]));
     std::iota(made.labels.begin(), made.labels.end(), 0);
   } else {
     made.labels = SLF_TRY(renumber_labels(volume));
