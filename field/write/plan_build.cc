@@ -101,9 +101,11 @@ Result<BuildForecast> forecast_build(std::span<const FieldState> states,
 
   const TileCoder coder(shape, manifest.format, *codec, geometries, states.size() > 1,
                         manifest.keeps_rays);
+  const CodedTiles coded(kept_tiles, coder);
+  const KeptTiles coarser(coded, cache_share(options.memory));
   SizeEstimate total;
   for (unsigned level = 0; level <= shape.finest_level; ++level) {
-    const auto sampled = SLF_TRY(sample_tiles(tracer, kept_tiles, coder, order, order.level(level),
+    const auto sampled = SLF_TRY(sample_tiles(tracer, coarser, coder, order, order.level(level),
                                               sampled_tiles(shape, level), threads, reporter));
     total += sampled;
   }

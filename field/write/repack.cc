@@ -284,11 +284,12 @@ Result<RepackEstimate> estimate_repack(const Field& handle, const RepackOptions&
       SLF_TRY(plan.codec(thread_count(options.threads), [&] { return reporter.go_on(); }));
   const TileCoder coder(shape, plan.manifest.format, *codec, plan.geometries());
 
+  const CodedTiles coarser(*plan.source, coder);
   SizeEstimate total;
   if (plan.copy) total = SLF_TRY(count(handle, shape));
   for (unsigned level = 0; !plan.copy && level <= shape.finest_level; ++level) {
     const auto sampled =
-        SLF_TRY(at_place(sample_tiles(*plan.source, *plan.source, coder, order, order.level(level),
+        SLF_TRY(at_place(sample_tiles(*plan.source, coarser, coder, order, order.level(level),
                                       kSample, thread_count(options.threads), reporter),
                          handle.path()));
     total += sampled;

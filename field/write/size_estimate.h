@@ -22,8 +22,8 @@ struct SizeEstimate {
 };
 
 /// Divides tiles into `samples` equal ranges, and estimates by encoding one tile of each, which
-/// depends on their numbers alone; of some of them, also with prediction, from samples that
-/// `coarser` has of the same tiles, not from decoded ones. Progress counts samples.
+/// depends on their numbers alone; of some of them, also with prediction from tiles of `coarser`.
+/// Progress counts samples.
 [[nodiscard]] Result<SizeEstimate> sample_tiles(const TileSource& source, const TileSource& coarser,
                                                 const TileCoder& coder, const TileOrder& order,
                                                 NumberRange tiles, std::uint64_t samples,

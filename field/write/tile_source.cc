@@ -89,6 +89,14 @@ TileReader DecodedTiles::reader(std::uint64_t state) const {
   return kept->second;
 }
 
+Result<void> CodedTiles::tile(TileKey key, SourceTile& tile) const {
+  SLF_TRY(source_.tile(key, tile));
+  if (tile.ref.state != TileState::stored) return {};
+  Bytes payload;
+  SLF_TRY(coder_.encode(key, tile.samples, {}, payload));
+  return coder_.decode(key, payload, {}, tile.samples);
+}
+
 Result<void> KeptTiles::tile(TileKey key, SourceTile& tile) const {
   {
     const std::lock_guard lock(mutex_);

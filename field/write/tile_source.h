@@ -5,6 +5,7 @@
 // | TileTracer | samples, traced in scenes |
 // | StoredTiles | payloads of a container, to be copied |
 // | DecodedTiles | samples of fields, states and composed fields, to be encoded again |
+// | CodedTiles | what a codec leaves of another source's samples |
 // | KeptTiles | what another source has made before |
 #pragma once
 
@@ -82,6 +83,21 @@ class DecodedTiles final : public TileSource {
   /// States are read one after the other, so two readers are enough: the threads that are ahead may
   /// have begun the next one.
   mutable std::array<std::optional<std::pair<std::uint64_t, TileReader>>, 2> readers_;
+};
+
+/// Samples that were encoded, each tile by itself, and decoded: as the tiles that others are
+/// predicted from will be, nearly.
+class CodedTiles final : public TileSource {
+ public:
+  /// Both must outlive this.
+  CodedTiles(const TileSource& source, const TileCoder& coder) : source_(source), coder_(coder) {}
+
+  [[nodiscard]] Result<void> tile(TileKey key, SourceTile& tile) const override;
+  [[nodiscard]] std::uint64_t work(unsigned level) const override { return source_.work(level); }
+
+ private:
+  const TileSource& source_;
+  const TileCoder& coder_;
 };
 
 /// Keeps tiles of a source that takes long, so that it makes them once: those that a codec is

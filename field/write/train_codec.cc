@@ -29,46 +29,27 @@ tl::unexpected<Error> interrupted() {
   return fail(ErrorCode::cancelled, "interrupted; nothing was written");
 }
 
-/// Encodes runs of tiles. Coarser tiles, from which these are predicted, lose what `general` loses
-/// of them, but are not predicted themselves: that would take their references, too.
-class RunEncoder {
- public:
-  RunEncoder(const TileSource& source, const TileCoder& coder, const TileCoder& general)
-      : source_(source), coder_(coder), general_(general) {}
-
-  Result<void> encode(const TileOrder& order, NumberRange run) const {
-    std::map<TileKey, SourceTile> coarser;
-    SourceTile tile;
-    Bytes payload;
-    for (std::uint64_t n = run.begin; n < run.end; ++n) {
-      const TileKey key = order.key(n);
-      SLF_TRY(source_.tile(key, tile));
-      if (tile.ref.state != TileState::stored) continue;
-      std::vector<ReferenceSamples> from;
-      for (const TileKey reference : coder_.choose(key, tile.samples)) {
-        const auto [found, added] = coarser.try_emplace(reference);
-        if (added) SLF_TRY(make_coarser(reference, found->second));
-        if (found->second.ref.state == TileState::stored)
-          from.push_back({reference, found->second.samples});
-      }
-      SLF_TRY(coder_.encode(key, tile.samples, from, payload));
+/// Encodes a run of tiles, each predicted from tiles of `coarser`.
+Result<void> encode_run(const TileSource& source, const TileSource& coarser, const TileCoder& coder,
+                        const TileOrder& order, NumberRange run) {
+  std::map<TileKey, SourceTile> references;
+  SourceTile tile;
+  Bytes payload;
+  for (std::uint64_t n = run.begin; n < run.end; ++n) {
+    const TileKey key = order.key(n);
+    SLF_TRY(source.tile(key, tile));
+    if (tile.ref.state != TileState::stored) continue;
+    std::vector<ReferenceSamples> from;
+    for (const TileKey reference : coder.choose(key, tile.samples)) {
+      const auto [found, added] = references.try_emplace(reference);
+      if (added) SLF_TRY(coarser.tile(reference, found->second));
+      if (found->second.ref.state == TileState::stored)
+        from.push_back({reference, found->second.samples});
     }
-    return {};
+    SLF_TRY(coder.encode(key, tile.samples, from, payload));
   }
-
- private:
-  Result<void> make_coarser(TileKey key, SourceTile& tile) const {
-    SLF_TRY(source_.tile(key, tile));
-    if (tile.ref.state != TileState::stored) return {};
-    Bytes payload;
-    SLF_TRY(general_.encode(key, tile.samples, {}, payload));
-    return general_.decode(key, payload, {}, tile.samples);
-  }
-
-  const TileSource& source_;
-  const TileCoder& coder_;
-  const TileCoder& general_;
-};
+  return {};
+}
 
 }  // namespace
 
@@ -101,16 +82,17 @@ Result<std::unique_ptr<codec::Codec>> train_codec(const TileSource& source,
       finest.count() * shape.max_tile_samples() < kLeastSamples)
     return general;
 
+  // Coarser tiles are not predicted themselves: that would take their references, too.
   const TileCoder general_coder(shape, manifest.format, *general, geometries);
+  const CodedTiles coarser(source, general_coder);
   const auto encode_sample = [&](const codec::Codec& codec, bool few) {
     const TileCoder coder(shape, manifest.format, codec, geometries);
-    const RunEncoder encoder(source, coder, general_coder);
     const std::uint64_t every = few ? 4 : 1;
     const auto encode = [&](std::uint64_t k) -> Result<bool> {
       const std::uint64_t run = k * every, part = finest.count() / runs;
       const std::uint64_t within = mix(run) % (part / kRunTiles);
       const std::uint64_t first = finest.begin + run * part + within * kRunTiles;
-      SLF_TRY(encoder.encode(order, {first, first + kRunTiles}));
+      SLF_TRY(encode_run(source, coarser, coder, order, {first, first + kRunTiles}));
       return true;
     };
     return make_in_order(
