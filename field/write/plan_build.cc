@@ -27,10 +27,10 @@ Result<OwnedJson> provenance_of(const FieldState& state) {
 }
 
 /// The tiles of a level that are made. Each takes up to five times its rays, those of the coarser
-/// tiles that it is predicted from, too.
+/// tiles that it is predicted from, too, and those of earlier states.
 std::uint64_t sampled_tiles(const FieldShape& shape, unsigned level) {
-  const std::uint64_t tiles = shape.tiles(level);
-  return std::min(tiles, std::clamp<std::uint64_t>(tiles / 24, 24, 160));
+  const std::uint64_t tiles = shape.tiles(level), most = 320 * std::min(shape.states, 4U);
+  return std::min(tiles, std::clamp<std::uint64_t>(tiles / 24, 24, most));
 }
 
 }  // namespace

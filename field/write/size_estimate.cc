@@ -18,7 +18,7 @@ using storage::TileState;
 constexpr double kDeviations = 1.96;  // of a 95 % confidence interval
 /// One sampled tile of so many is also predicted, which takes a dozen others. What that saves of
 /// their bytes, it saves of all.
-constexpr std::uint64_t kPredictedShare = 3;
+constexpr std::uint64_t kPredictedShare = 4;
 
 // The bytes of a file besides payloads (FORMAT.md). For each tile: checksum, entry in the table,
 // alignment. For records: headers, unused ends of pages, trees.

@@ -159,11 +159,11 @@ void Studio::State::begin(Task<T>& task, const Work& work) {
         return progress(done);
       };
     };
-    made.light_volume.progress = of("Light");
+    made.light_volume.progress = of("Computing light");
     const auto scenes = SLF_TRY(make_scenes(made));
     const auto states = field_states(scenes);
     const auto field = SLF_TRY(field_options(made, states));
-    return work(states, field, of("Rays"));
+    return work(states, field, of("Tracing rays"));
   });
 }
 

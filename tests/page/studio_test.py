@@ -175,7 +175,8 @@ class StudioTest(unittest.TestCase):
             dragged = page.run(place)
             self.assertNotAlmostEqual(dragged, -0.2, delta=0.02)
             page.call("Input.dispatchKeyEvent", type="keyDown", key="ArrowDown")
-            self.assertAlmostEqual(page.run(place), dragged - 0.02, delta=0.006)
+            # Backwards along its normal, which points to the eye: here to -y.
+            self.assertAlmostEqual(page.run(place), dragged + 0.02, delta=0.006)
             self.fine(page)
             page.run("document.getElementById('undo').click()")
             page.run("document.getElementById('redo').click()")
@@ -675,13 +676,13 @@ class StudioTest(unittest.TestCase):
               document.getElementById('copypublish').click()""")
             self.assertEqual(page.run("copied"), studio.state()["build"]["publish"])
             page.run("document.getElementById('copy').click()")
-            page.wait("document.getElementById('said').textContent.startsWith('slf build')")
+            page.wait("document.getElementById('said').textContent.startsWith('Copied: slf build')")
             command = page.run("document.getElementById('said').textContent")
             page.close()
         self.assertEqual(sorted(os.listdir(path("made"))), ["mine.json", "mine.views.json"])
         self.assertEqual(sorted(os.listdir(WORK)), ["ball.nhdr", "ball.raw", "ball.slf", "made"])
         os.rename(path("ball.slf"), path("first.slf"))
-        subprocess.run([SLF, "-q", *command.split()[1:]], cwd=WORK, check=True)
+        subprocess.run([SLF, "-q", *command.split()[2:]], cwd=WORK, check=True)
         slf("diff", path("first.slf"), path("ball.slf"))
 
     def test_habits_of_hands(self):

@@ -51,10 +51,14 @@ byId('build').onclick = async () => { if (await save('build')) follow(); };
 byId('stop').onclick = () => post('stop');
 const copy = (text) => navigator.clipboard.writeText(text).catch(() => {});
 byId('copy').onclick = async () => {
-  if (await save('save')) await copy(command);
-  byId('said').textContent = command;
+  if (!await save('save')) return;
+  await copy(command);
+  byId('said').textContent = `Copied: ${command}`;
 };
-byId('copypublish').onclick = () => copy(byId('publish').textContent);
+byId('copypublish').onclick = async () => {
+  await copy(byId('publish').textContent);
+  byId('said').textContent = 'Copied the command that publishes the field';
+};
 // The field that was built, beside the live picture, from the same side.
 let field;
 function showField(folder) {
@@ -104,12 +108,13 @@ export async function follow() {
         showField(build.field);
         byId('field').href = `../${build.field}/`;
         byId('said').textContent = `Complete: ${output}`;
+        byId('result').scrollIntoView({block: 'nearest'});
       }
       return again();
     }
     byId('progress').value = build.total > 0 ? build.done / build.total : 0;
     const left = build.done > 0 ? build.seconds * (build.total / build.done - 1) : 0;
-    byId('said').textContent = `${build.phase}: ${clock(build.seconds)}` +
+    byId('said').textContent = `${build.phase}: ${clock(build.seconds)} so far` +
       (left > 0 ? `, ${clock(left)} left` : '');
     await sleep(400);
   }

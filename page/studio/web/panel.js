@@ -39,7 +39,8 @@ function markPreset(fn) {
 }
 export function showPresets() {
   const preset = ({name, description, function: fn}, k) => {
-    const image = make('img', {src: `preset/${k}`, alt: '', loading: 'lazy'});
+    const image = make('img', {
+      src: `preset/${k}`, alt: '', loading: 'lazy', draggable: false});
     image.onerror = () => image.replaceWith(make('i', {textContent: 'shows nothing'}));
     const button = make('button', {title: description}, image, make('span', {textContent: name}));
     button.onclick = () => {
@@ -47,6 +48,7 @@ export function showPresets() {
       set('transfer', fn, false, ['range']);
       showEnds();
       markPreset(fn);
+      button.scrollIntoView({block: 'nearest', inline: 'center'});
     };
     return button;
   };

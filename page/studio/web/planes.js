@@ -10,16 +10,17 @@ import {byId, make} from './server.js';
 const rounded = (v) => Number(v.toPrecision(7));
 const planes = () => (merged().clip ?? []).map((plane) => [...plane]);
 const setPlanes = (all, moving) => set('clip', all.length > 0 ? all : undefined, moving);
-// The ends of a plane's way through the sphere, along its normal.
-const along = (plane) =>
-  dot(add(plane.slice(0, 3), view.sphere, -1), plane.slice(3)) / view.sphere[3];
+// The place of a plane on its way through the sphere, from -1 to 1; the same for its other side.
+const sideOf = (plane) => Math.sign(plane.slice(3).find((v) => v !== 0) ?? 1);
+const along = (plane) => sideOf(plane) / view.sphere[3] *
+  dot(add(plane.slice(0, 3), view.sphere, -1), plane.slice(3));
 const shifted = (plane, to) => [
-  ...add(view.sphere.slice(0, 3), plane.slice(3), to * view.sphere[3]), ...plane.slice(3)]
-  .map(rounded);
+  ...add(view.sphere.slice(0, 3), plane.slice(3), sideOf(plane) * to * view.sphere[3]),
+  ...plane.slice(3)].map(rounded);
 for (const button of document.querySelectorAll('[data-axis]'))
   button.onclick = () => {
-    const normal = [0, 0, 0];
-    normal[button.dataset.axis] = 1;
+    const normal = [0, 0, 0], {axis} = button.dataset;
+    normal[axis] = camera.axes(1, 1).eye[axis] < 0 ? -1 : 1;  // the nearer half goes
     setPlanes([...planes(), shifted([0, 0, 0, ...normal], 0)]);
     showPlanes();
   };

@@ -17,7 +17,9 @@ export const make = (tag, members = {}, ...children) => {
   return made;
 };
 
+let failed = false;  // what is said is that a request failed
 export function say(text, wrong = false) {
+  failed = false;
   byId('status').textContent = text;
   byId('status').classList.toggle('wrong', wrong);
 }
@@ -26,12 +28,13 @@ export let gone = false;
 export async function retries(error) {
   const again = gone = !error.status || error.status === 403;
   say(!error.status ? kLost : error.status === 403 ? kOther : error.message, true);
+  failed = true;
   if (again) await sleep(kRetry);
   return again;
 }
 export function found() {
   gone = false;
-  if (byId('status').classList.contains('wrong')) say('');
+  if (failed) say('');
 }
 
 // Throws an error with the `status` of the answer, if there is one.
