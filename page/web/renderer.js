@@ -284,8 +284,9 @@ export class Renderer {
     return Float32Array.from({length: w * h}, (_, i) => words[4 * i + 3] - 1);
   }
   // Lets the cells of a moving picture show what survey() found, without steps between cells. No
-  // cell rises by more than `rise` levels. Returns false if level 0 is incomplete.
-  showMoving(view, rise) {
+  // cell rises by more than `rise` levels, nor falls where this view was shown before (`again`).
+  // Returns false if level 0 is incomplete.
+  showMoving(view, rise, again) {
     this.bindPicture();
     const found = this.survey(view), before = this.mask ?? [];
     if (found.some((level) => level < 0)) return false;
@@ -299,7 +300,9 @@ export class Renderer {
     };
     for (let at = 0; at < levels.length; ++at) each(at, -1);
     for (let at = levels.length - 1; at >= 0; --at) each(at, 1);
-    this.show(0, levels.map((v, i) => Math.min(v, (before[i] ?? v) + rise)));
+    const least = again ? before : [];
+    this.show(0, levels.map(
+      (v, i) => Math.max(least[i] ?? -Infinity, Math.min(v, (before[i] ?? v) + rise))));
     return true;
   }
 

@@ -328,7 +328,8 @@ export class Viewer {
   async draw(seconds) {
     const view = this.view(), state = `${this.version} ${this.loader.arrivals}`;
     if (state === this.stuck) return;
-    this.stuck = this.renderer.showMoving(view, kRise * seconds) ? undefined : state;
+    const again = this.maskOf === this.version;
+    this.stuck = this.renderer.showMoving(view, kRise * seconds, again) ? undefined : state;
     if (this.stuck) return;
     this.maskOf = this.version;
     const {stale} = this, current = () => this.draws && this.stale === stale;
@@ -342,14 +343,15 @@ export class Viewer {
     ++this.frames;
   }
 
-  // Draws a picture, which has fewer pixels where it would take longer, but no fewer than the one
-  // before of the same view. Other pixels lie elsewhere, so their number changes only where that is
-  // worth it. Resolves to whether no pixel lacks a tile.
+  // Draws a picture, which has fewer pixels where it would take longer. Other pixels lie elsewhere,
+  // which may look worse for a moment: so their number changes only where that is worth it, and
+  // grows for a view that is shown only once it rests. Resolves to whether no pixel lacks a tile.
   quickly(view, milliseconds) {
     const {canvas, renderer, version} = this, time = renderer.cost * canvas.width * canvas.height;
     const {scale: before = 0, version: last} = this.scaled ?? {};
     const fits = Math.sqrt(milliseconds / (time || 4 * milliseconds));
-    const keeps = fits < kWorth * before && (last === version || kWorth * fits > before);
+    const keeps = last === version ? milliseconds === kFrame || fits < kWorth * before
+      : fits < kWorth * before && kWorth * fits > before;
     const scale = keeps ? before : Math.min(1, Math.max(kMinScale, fits));
     this.scaled = {version, scale};
     return this.drawn(renderer.draw({...view, stamp: undefined}, scale));
