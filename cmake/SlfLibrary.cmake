@@ -44,7 +44,8 @@ function(slf_room name)
     # Highway includes such a file again for each instruction set: no other may stand beside it.
     file(STRINGS ${source} is_kernel REGEX "hwy/foreach_target" LIMIT_COUNT 1)
     if(is_kernel)
-      # Processors with SSSE3 but without SSE4.1 were last made in 2008: scalar code will do.
+      # Each instruction set takes time to compile. Old processors with SSSE3 but without SSE4.1
+      # run scalar code.
       set_source_files_properties(${source} PROPERTIES SKIP_UNITY_BUILD_INCLUSION ON
         COMPILE_DEFINITIONS HWY_DISABLED_TARGETS=HWY_SSSE3)
     endif()

@@ -318,7 +318,7 @@ Result<BuildReport> build(std::span<const FieldState> states, const std::string&
   const auto geometries = [&](unsigned level) -> const LevelGeometry& {
     return tracer.geometry(level);
   };
-  KeptTiles source(tracer, budget.cache);
+  KeptTiles source(tracer, budget.cache);  // with what others would use for a field as input
   const auto codec =
       SLF_TRY(earlier   ? Result<CodecPointer>(std::move(earlier->codec))
               : coarser ? codec_of(*coarser)

@@ -112,7 +112,7 @@ class KeptTiles final : public TileSource {
   void prefetch(std::span<const TileKey> keys) const override { source_.prefetch(keys); }
   [[nodiscard]] std::uint64_t work(unsigned level) const override { return source_.work(level); }
   /// From now on each tile is asked for once more, so a tile that is kept is moved out, and none is
-  /// added.
+  /// added. Not while another thread asks for tiles.
   void stop_keeping() { keeps_ = false; }
 
  private:

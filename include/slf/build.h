@@ -123,9 +123,10 @@ struct BuildForecast {
 };
 
 /// Makes a sample of the tiles of each level, and writes nothing. Takes the light, the training of
-/// the codec, and up to five times the rays of the sampled tiles: as long as the build of a draft,
-/// a small part of that of a large field. Parts of fields (BuildOptions::shard) are not regarded.
-/// Progress counts sampled tiles. Errors as build_field(), except those of files.
+/// the codec, and the rays of the sampled tiles and of those that some of them are predicted from:
+/// about half as long as the build of a draft, a small part of that of a large field. Parts of
+/// fields (BuildOptions::shard) are not regarded. Progress counts sampled tiles. Errors as
+/// build_field(), except those of files.
 [[nodiscard]] Result<BuildForecast> forecast_build(std::span<const FieldState> states,
                                                    const BuildOptions& options,
                                                    const ProgressCallback& progress = {});

@@ -49,16 +49,13 @@ async function save(what, more = {}) {
 byId('save').onclick = () => save('save');
 byId('build').onclick = async () => { if (await save('build')) follow(); };
 byId('stop').onclick = () => post('stop');
-const copy = (text) => navigator.clipboard.writeText(text).catch(() => {});
-byId('copy').onclick = async () => {
-  if (!await save('save')) return;
-  await copy(command);
-  byId('said').textContent = `Copied: ${command}`;
-};
-byId('copypublish').onclick = async () => {
-  await copy(byId('publish').textContent);
-  byId('said').textContent = 'Copied the command that publishes the field';
-};
+// Where the browser does not let pages copy, it can be selected.
+async function copy(text) {
+  const copied = await navigator.clipboard?.writeText(text).then(() => true, () => false);
+  byId('said').textContent = copied ? `Copied: ${text}` : text;
+}
+byId('copy').onclick = async () => { if (await save('save')) await copy(command); };
+byId('copypublish').onclick = () => copy(byId('publish').textContent);
 // The field that was built, beside the live picture, from the same side.
 let field;
 function showField(folder) {

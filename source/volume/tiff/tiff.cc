@@ -18,7 +18,7 @@ using image_formats::has_planes;
 using image_formats::TiffFile;
 
 /// Whether samples without sign of so many bits are packed.
-constexpr bool is_packed(unsigned bits) { return bits < 16 && bits != 8; }
+constexpr bool is_packed(unsigned bits) { return bits > 0 && bits < 16 && bits != 8; }
 
 Result<SliceKind> kind_of(const TiffFile& file) {
   SliceKind kind{.width = file.tag<std::uint32_t>(TIFFTAG_IMAGEWIDTH, 0),

@@ -259,6 +259,18 @@ std::vector<std::unique_ptr<Raycaster>> one_of_each_kind() {
   return casters;
 }
 
+TEST(Raycaster, ATableOfLabelsEndsWithTheGreatest) {
+  for (const ScalarType type : {ScalarType::u8, ScalarType::u16}) {
+    const auto label = [](int x, int y, int) { return x < 3 && y < 3 ? 4 : 0; };
+    auto v = type == ScalarType::u8 ? make_volume<std::uint8_t>({5, 6, 7}, type, label)
+                                    : make_volume<std::uint16_t>({5, 6, 7}, type, label);
+    v.labels = true;
+    const auto scene = prepare_volume(std::move(v), ramp(1, 4, 0.3), {});
+    ASSERT_TRUE(scene) << scene.error().message;
+    EXPECT_EQ((*scene)->grid.table.colors.size(), 5u);
+  }
+}
+
 TEST(Raycaster, ASampleDoesNotDependOnTheRaysItIsTracedWith) {
   for (const auto& caster : one_of_each_kind()) {
     std::vector<Segment> segments = random_segments(caster->bounds(), 700, 9);
