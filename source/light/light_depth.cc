@@ -132,14 +132,17 @@ bool near_matter(const RayGrid& grid, const LightGrid& light, const glm::ivec3& 
   const glm::dvec3 at = light.low + light.spacing * glm::dvec3(node);
   const glm::ivec3 last(grid.bricks[0] - 1, grid.bricks[1] - 1, grid.bricks[2] - 1);
   const auto brick = [&](const glm::dvec3& p) {
-    return glm::clamp(glm::ivec3(glm::floor(p / double{kBrick})), glm::ivec3(0), last);
+    return glm::clamp(glm::ivec3(glm::floor(p)) >> grid.brick_shift, glm::ivec3(0), last);
   };
   const double reach = (1 + kLookUpBeside) * light.spacing;
   const glm::ivec3 from = brick(at - reach), to = brick(at + reach);
   for (int z = from.z; z <= to.z; ++z)
     for (int y = from.y; y <= to.y; ++y)
-      for (int x = from.x; x <= to.x; ++x)
-        if (grid.distance[number_in(grid.bricks, {x, y, z})] == 0) return true;
+      for (int x = from.x; x <= to.x;) {
+        const int distance = grid.distance[number_in(grid.bricks, {x, y, z})];
+        if (distance == 0) return true;
+        x += distance;
+      }
   return false;
 }
 

@@ -9,6 +9,7 @@
 #include <numbers>
 
 #include "slf/tone.h"
+#include "source/medium/column_ranges.h"
 
 namespace slf {
 namespace {
@@ -111,7 +112,7 @@ glm::dvec3 Matter::sample(double choice, double u, double v) const {
   return choice < surface ? cosine_direction(normal, u, v) : uniform_direction(u, v);
 }
 
-Medium::Medium(const RayGrid& grid)
+Medium::Medium(const RayGrid& grid, unsigned threads)
     : grid_(grid), index_to_world_(glm::inverse(grid.world_to_index)) {
   for (int axis = 0; axis < 3; ++axis)
     smallest_spacing_ = std::min(smallest_spacing_, glm::length(index_to_world_[axis]));
@@ -121,11 +122,11 @@ Medium::Medium(const RayGrid& grid)
     const glm::vec3 color(grid.table.colors[albedos_.size()]);
     albedos_.emplace_back(albedo_of(color), -std::expm1(-2 * smallest_spacing_ * extinction));
   }
-  find_majorants();
+  find_majorants(threads);
 }
 
 /// The largest extinction over the values of each brick.
-void Medium::find_majorants() {
+void Medium::find_majorants(unsigned threads) {
   // levels[k][i]: the largest of the 2^k entries from i on.
   // No structure is denser than the first row of the table.
   const std::size_t entries = grid_.table.entries;
@@ -147,24 +148,42 @@ void Medium::find_majorants() {
     return std::max(level[from], level[to + 1 - width]);
   };
   majorants_.assign(grid_.distance.size(), 0);
-  std::size_t number = 0;
-  for (int z = 0; z < grid_.bricks[2]; ++z)
-    for (int y = 0; y < grid_.bricks[1]; ++y)
-      for (int x = 0; x < grid_.bricks[0]; ++x, ++number) {
-        if (grid_.distance[number] > 0) continue;
-        float voxels[27];
-        static_assert(kBrick + 1 == 3);
-        load<3>(grid_, glm::ivec3(x, y, z) * kBrick, false, voxels);
-        const auto [low, high] = std::minmax_element(voxels, voxels + 27);
-        if (!grid_.labels) {
-          majorants_[number] =
-              max_between(entry_of(grid_.table, *low), entry_of(grid_.table, *high));
-          continue;
+  with_grid_type(grid_.type, [&]<class T>(T) {
+    const auto count = static_cast<std::size_t>(grid_.dims[0]) * grid_.dims[1] * grid_.dims[2];
+    const std::span voxels(reinterpret_cast<const T*>(grid_.voxels), count);
+    const glm::ivec3 last_voxel(grid_.dims[0] - 1, grid_.dims[1] - 1, grid_.dims[2] - 1);
+    const auto densest_label = [&](const glm::ivec3& brick) {
+      const glm::ivec3 from = brick << grid_.brick_shift;
+      const glm::ivec3 to = glm::min(from + (1 << grid_.brick_shift), last_voxel);
+      float most = 0;
+      for (int z = from.z; z <= to.z; ++z)
+        for (int y = from.y; y <= to.y; ++y)
+          for (int x = from.x; x <= to.x; ++x)
+            if (const auto label =
+                    static_cast<std::size_t>(voxels[number_in(grid_.dims, {x, y, z})]);
+                label < extinctions_.size())
+              most = std::max(most, extinctions_[label]);
+      return most;
+    };
+    for_each_slice(grid_, threads, [&](int z) {
+      ColumnRanges<T> row(grid_, voxels, grid_.brick_shift);
+      for (int y = 0; y < grid_.bricks[1]; ++y) {
+        bool read = false;
+        for (int x = 0; x < grid_.bricks[0]; ++x) {
+          const std::size_t number = number_in(grid_.bricks, {x, y, z});
+          if (grid_.distance[number] > 0) continue;
+          if (grid_.labels) {
+            majorants_[number] = densest_label({x, y, z});
+            continue;
+          }
+          if (!std::exchange(read, true)) row.read(y, z);
+          const auto [low, high] = row.range(x);
+          majorants_[number] = max_between(entry_of(grid_.table, static_cast<float>(low)),
+                                           entry_of(grid_.table, static_cast<float>(high)));
         }
-        for (const float voxel : voxels)
-          if (const auto label = static_cast<std::size_t>(voxel); label < extinctions_.size())
-            majorants_[number] = std::max(majorants_[number], extinctions_[label]);
       }
+    });
+  });
 }
 
 std::size_t Medium::entry(const glm::dvec3& at) const {
@@ -272,8 +291,8 @@ HWY_INLINE Medium::Brick Medium::brick(const glm::dvec3& from, const glm::dvec3&
                                        const glm::dvec3& inverse, double t) const {
   glm::ivec3 at;
   for (int axis = 0; axis < 3; ++axis)
-    at[axis] = std::clamp(static_cast<int>(from[axis] + t * direction[axis]) >> kBrickShift, 0,
-                          grid_.bricks[static_cast<std::size_t>(axis)] - 1);
+    at[axis] = std::clamp(static_cast<int>(from[axis] + t * direction[axis]) >> grid_.brick_shift,
+                          0, grid_.bricks[static_cast<std::size_t>(axis)] - 1);
   const std::size_t number = number_in(grid_.bricks, at);
   const int distance = grid_.distance[number];
   const int reach = std::max(distance, 1);
@@ -281,7 +300,7 @@ HWY_INLINE Medium::Brick Medium::brick(const glm::dvec3& from, const glm::dvec3&
   for (int axis = 0; axis < 3; ++axis) {
     // Of a direction that is 0, not reached: infinity, or not a number, which min() ignores.
     const int edge = inverse[axis] > 0 ? at[axis] + reach : at[axis] + 1 - reach;
-    end = std::min(end, (edge * kBrick - from[axis]) * inverse[axis]);
+    end = std::min(end, ((edge << grid_.brick_shift) - from[axis]) * inverse[axis]);
   }
   // Rounding may put the edge behind t: advance by a negligible distance.
   constexpr double kNudge = 1e-7;

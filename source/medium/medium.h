@@ -67,7 +67,8 @@ struct Matter {
 /// Thread-safety: immutable. The grid must outlive it.
 class Medium {
  public:
-  explicit Medium(const RayGrid& grid);
+  /// On `threads` threads (0: all).
+  explicit Medium(const RayGrid& grid, unsigned threads = 0);
 
   [[nodiscard]] float extinction(const glm::dvec3& at) const;
   [[nodiscard]] Matter matter(const glm::dvec3& at) const;
@@ -118,7 +119,7 @@ class Medium {
   /// The first `count` extinctions at from, from + step, …; all of `to` may change.
   void extinctions(const glm::dvec3& from, const glm::dvec3& step, int count, March& to) const;
   [[nodiscard]] std::size_t entry(const glm::dvec3& at) const;
-  void find_majorants();
+  void find_majorants(unsigned threads);
 
   const RayGrid& grid_;
   glm::dmat3 index_to_world_;

@@ -16,10 +16,6 @@
 
 namespace slf {
 
-/// Edge of a brick, in cells (the cubes between voxel centres); a power of two.
-inline constexpr int kBrickShift = 1;
-inline constexpr int kBrick = 1 << kBrickShift;
-
 /// A plane that clips the volume. Positions are in voxel indices.
 struct GridPlane {
   glm::dvec3 inwards{0.0};  ///< unit, in voxel indices
@@ -72,12 +68,15 @@ struct RayGrid {
   std::span<const std::uint8_t> rows;
   std::shared_ptr<const PartRows> parts;  ///< owns `rows`
   std::vector<std::uint8_t> visible_rows;
+  /// Bricks are cubes of 2^brick_shift (whole) cells along an edge, or less at the end of the
+  /// volume. In large volumes they are larger, so that there are few enough.
+  int brick_shift = 1;
+  std::array<std::int32_t, 3> bricks{};
   /// Per brick: Chebyshev distance, in bricks, to the nearest visible brick (0: this one is
   /// visible).
   std::vector<std::uint8_t> distance;
-  std::array<std::int32_t, 3> bricks{};
-  /// Per brick, a bit for each of its (whole) cells, x fastest: whether it can be visible.
-  std::vector<std::uint8_t> visible_cells;
+  /// Per brick, a bit for each of its octants, x fastest: whether any of its cells can be visible.
+  std::vector<std::uint8_t> visible_octants;
   /// Cells outside this half-open box are invisible.
   glm::dvec3 visible_low{0.0};
   glm::dvec3 visible_high{0.0};

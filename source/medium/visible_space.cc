@@ -1,8 +1,10 @@
 #include "source/medium/visible_space.h"
 
 #include <algorithm>
+#include <array>
 #include <limits>
 
+#include "source/medium/column_ranges.h"
 #include "source/volume/voxels.h"
 
 namespace slf {
@@ -19,7 +21,7 @@ class Visibility {
       visible_below_[k + 1] = visible_below_[k] + (grid.table.extinctions[k] > 0 ? 1 : 0);
   }
 
-  /// Whether a cell whose voxels are within these closed ranges can be visible.
+  /// Whether cells whose voxels are within these closed ranges can be visible.
   [[nodiscard]] bool operator()(glm::ivec3 first, glm::ivec3 last) const {
     T low = std::numeric_limits<T>::max(), high = std::numeric_limits<T>::lowest();
     bool labelled = false, shown = grid_.rows.empty();
@@ -35,17 +37,17 @@ class Visibility {
       }
     if (!shown) return false;
     if (grid_.labels) return labelled;
-    return shows_between(low, high);
+    return shows_between({low, high});
   }
 
   /// Whether the range of its voxels says all about a box: it has no labels and no structures.
   [[nodiscard]] bool by_range() const { return !grid_.labels && grid_.rows.empty(); }
   /// Whether values between these two can be visible.
-  [[nodiscard]] bool shows_between(T low, T high) const {
+  [[nodiscard]] bool shows_between(const std::pair<T, T>& range) const {
     // One entry more on each side, for rounding.
     const std::int64_t end = static_cast<std::int64_t>(grid_.table.entries) - 1;
-    const auto from = std::clamp<std::int64_t>(entry(low) - 1, 0, end);
-    const auto to = std::clamp<std::int64_t>(entry(high) + 1, 0, end);
+    const auto from = std::clamp<std::int64_t>(entry(range.first) - 1, 0, end);
+    const auto to = std::clamp<std::int64_t>(entry(range.second) + 1, 0, end);
     return visible_below_[static_cast<std::size_t>(to) + 1] >
            visible_below_[static_cast<std::size_t>(from)];
   }
@@ -68,17 +70,9 @@ class Visibility {
   std::vector<std::uint32_t> visible_below_;  // [k]: how many of the first k entries are visible
 };
 
-/// Calls f with the index of every brick and its number.
-template <class F>
-void for_each_brick(const RayGrid& grid, const F& f) {
-  std::size_t number = 0;
-  for (int z = 0; z < grid.bricks[2]; ++z)
-    for (int y = 0; y < grid.bricks[1]; ++y)
-      for (int x = 0; x < grid.bricks[0]; ++x) f(glm::ivec3(x, y, z), number++);
-}
-
 /// Whether planes that clip the volume leave a part of a box. Not if they only touch it.
 bool is_kept(const RayGrid& grid, glm::ivec3 first, glm::ivec3 last) {
+  if (grid.clip.empty()) return true;
   const glm::dvec3 half = glm::dvec3(last - first) / 2.0;
   return std::all_of(grid.clip.begin(), grid.clip.end(), [&](const GridPlane& plane) {
     return plane.inside(glm::dvec3(first) + half) + glm::dot(glm::abs(plane.inwards), half) > 1e-6;
@@ -89,62 +83,51 @@ glm::ivec3 last_voxel(const RayGrid& grid) {
   return {grid.dims[0] - 1, grid.dims[1] - 1, grid.dims[2] - 1};
 }
 
-/// The least and greatest voxels of a row of bricks along x, one of each for every column of
-/// voxels. Much faster than brick by brick, because it needs no branches.
-template <class T>
-class ColumnRanges {
- public:
-  ColumnRanges(const RayGrid& grid, std::span<const T> voxels) : grid_(grid), voxels_(voxels) {}
+/// The voxels of a cube of 2^shift cells.
+struct Block {
+  glm::ivec3 first, last;  // closed range
+};
+Block block(const RayGrid& grid, glm::ivec3 number, int shift) {
+  const glm::ivec3 first = number << shift;
+  return {first, glm::min(first + (1 << shift), last_voxel(grid))};
+}
 
-  void read(int y_brick, int z_brick) {
-    const auto width = static_cast<std::size_t>(grid_.dims[0]);
-    low_.assign(width, std::numeric_limits<T>::max());
-    high_.assign(width, std::numeric_limits<T>::lowest());
-    T *const low = low_.data(), *const high = high_.data();
-    const int y_last = std::min(y_brick * kBrick + kBrick, grid_.dims[1] - 1);
-    const int z_last = std::min(z_brick * kBrick + kBrick, grid_.dims[2] - 1);
-    for (int z = z_brick * kBrick; z <= z_last; ++z)
-      for (int y = y_brick * kBrick; y <= y_last; ++y) {
-        const T* row = voxels_.data() + number_in(grid_.dims, {0, y, z});
-        for (std::size_t x = 0; x < width; ++x) {
-          low[x] = std::min(low[x], row[x]);
-          high[x] = std::max(high[x], row[x]);
+/// Sets visible_octants, and `distance` to 0 for bricks that can be visible and 255 for all others.
+template <class T>
+void find_visible_bricks(std::span<const T> voxels, unsigned threads, RayGrid& grid) {
+  const Visibility visible(grid, voxels);
+  const int half = grid.brick_shift - 1;
+  const auto count = static_cast<std::size_t>(grid.bricks[0]) * grid.bricks[1] * grid.bricks[2];
+  grid.distance.assign(count, 255);
+  grid.visible_octants.assign(count, 0);
+  for_each_slice(grid, threads, [&](int z) {
+    ColumnRanges<T> bricks(grid, voxels, grid.brick_shift);
+    std::vector<ColumnRanges<T>> octants(4, {grid, voxels, half});
+    for (int y = 0; y < grid.bricks[1]; ++y) {
+      if (visible.by_range()) bricks.read(y, z);
+      bool octants_read = !visible.by_range();
+      for (int x = 0; x < grid.bricks[0]; ++x) {
+        const glm::ivec3 at(x, y, z);
+        const auto [first, last] = block(grid, at, grid.brick_shift);
+        if (!is_kept(grid, first, last) ||
+            !(visible.by_range() ? visible.shows_between(bricks.range(x)) : visible(first, last)))
+          continue;
+        const std::size_t number = number_in(grid.bricks, at);
+        grid.distance[number] = 0;
+        for (int k = 0; k < 4 && !octants_read; ++k)
+          octants[static_cast<std::size_t>(k)].read(2 * y + (k & 1), 2 * z + (k >> 1));
+        octants_read = true;
+        for (int k = 0; k < 8; ++k) {
+          const glm::ivec3 octant = 2 * at + glm::ivec3(k & 1, k >> 1 & 1, k >> 2);
+          const auto [from, to] = block(grid, octant, half);
+          if (!glm::all(glm::lessThan(from, to)) || !is_kept(grid, from, to)) continue;
+          const auto& row = octants[static_cast<std::size_t>(k >> 1)];
+          if (visible.by_range() ? visible.shows_between(row.range(octant.x)) : visible(from, to))
+            grid.visible_octants[number] |= static_cast<std::uint8_t>(1 << k);
         }
       }
-  }
-  /// The range of a brick of the row that was read.
-  [[nodiscard]] std::pair<T, T> range(int x_brick) const {
-    const int first = x_brick * kBrick, last = std::min(first + kBrick, grid_.dims[0] - 1);
-    return {*std::min_element(low_.begin() + first, low_.begin() + last + 1),
-            *std::max_element(high_.begin() + first, high_.begin() + last + 1)};
-  }
-
- private:
-  const RayGrid& grid_;
-  std::span<const T> voxels_;
-  std::vector<T> low_, high_;
-};
-
-/// 0 for each brick with a cell that can be visible, 255 for all others.
-template <class T>
-std::vector<std::uint8_t> find_visible_bricks(const RayGrid& grid, std::span<const T> voxels,
-                                              const Visibility<T>& visible) {
-  std::vector<std::uint8_t> bricks(
-      static_cast<std::size_t>(grid.bricks[0]) * grid.bricks[1] * grid.bricks[2], 255);
-  ColumnRanges<T> columns(grid, voxels);
-  for_each_brick(grid, [&](glm::ivec3 at, std::size_t number) {
-    if (visible.by_range() && at.x == 0) columns.read(at.y, at.z);
-    const glm::ivec3 first = at * kBrick;
-    const glm::ivec3 last = glm::min(first + kBrick, last_voxel(grid));
-    if (!is_kept(grid, first, last)) return;
-    if (visible.by_range()) {
-      const auto [low, high] = columns.range(at.x);
-      if (visible.shows_between(low, high)) bricks[number] = 0;
-      return;
     }
-    if (visible(first, last)) bricks[number] = 0;
   });
-  return bricks;
 }
 
 /// Chebyshev distance to the nearest brick that is 0, at most 255. Computed by two sweeps of the
@@ -181,63 +164,45 @@ void spread_distance(std::vector<std::uint8_t>& bricks, const std::array<std::in
   for_each_row([&](auto to, const std::uint8_t* from) { std::copy_n(from, size[0], to); });
 }
 
-/// The first and last visible cell of a row. A box or sphere around all cells depends only on
-/// these.
-struct CellRun {
-  glm::ivec3 first, last;
-};
+/// The voxels of the first and last visible octant of a row. A box or sphere around all depends
+/// only on these.
+using OctantRun = Block;
 
-/// The bits of RayGrid::visible_cells.
-template <class T>
-std::vector<std::uint8_t> find_visible_cells(const RayGrid& grid, const Visibility<T>& visible) {
-  std::vector<std::uint8_t> cells(grid.distance.size(), 0);
-  for_each_brick(grid, [&](glm::ivec3 at, std::size_t number) {
-    if (grid.distance[number] > 0) return;
-    for (int k = 0; k < kBrick * kBrick * kBrick; ++k) {
-      const glm::ivec3 cell = at * kBrick + glm::ivec3(k & 1, k >> 1 & 1, k >> 2);
-      if (glm::all(glm::lessThan(cell, last_voxel(grid))) && is_kept(grid, cell, cell + 1) &&
-          visible(cell, cell + 1))
-        cells[number] |= static_cast<std::uint8_t>(1 << k);
-    }
-  });
-  return cells;
-}
-
-std::vector<CellRun> find_runs(const RayGrid& grid) {
-  static_assert(kBrick == 2);
-  const auto shows = [&](glm::ivec3 cell) {
-    const glm::ivec3 brick = cell >> kBrickShift;
-    return (grid.visible_cells[number_in(grid.bricks, brick)] >>
-                ((cell.x & 1) | (cell.y & 1) << 1 | (cell.z & 1) << 2) &
-            1) != 0;
+std::vector<OctantRun> find_runs(const RayGrid& grid) {
+  const auto shows = [&](glm::ivec3 octant) {
+    const std::uint8_t bits = grid.visible_octants[number_in(grid.bricks, octant >> 1)];
+    return (bits >> ((octant.x & 1) | (octant.y & 1) << 1 | (octant.z & 1) << 2) & 1) != 0;
   };
-  std::vector<CellRun> runs;
-  for (int z = 0; z < grid.dims[2] - 1; ++z)
-    for (int y = 0; y < grid.dims[1] - 1; ++y) {
-      int first = 0, last = grid.dims[0] - 2;
+  std::vector<OctantRun> runs;
+  for (int z = 0; z < 2 * grid.bricks[2]; ++z)
+    for (int y = 0; y < 2 * grid.bricks[1]; ++y) {
+      int first = 0, last = 2 * grid.bricks[0] - 1;
       while (first <= last && !shows({first, y, z})) ++first;
       if (first > last) continue;
       while (!shows({last, y, z})) --last;
-      runs.push_back({{first, y, z}, {last, y, z}});
+      const int half = grid.brick_shift - 1;
+      runs.push_back(
+          {block(grid, {first, y, z}, half).first, block(grid, {last, y, z}, half).last});
     }
   return runs;
 }
 
-void find_visible_box(const std::vector<CellRun>& runs, RayGrid& grid) {
+void find_visible_box(const std::vector<OctantRun>& runs, RayGrid& grid) {
   grid.visible_low = runs.front().first;
   grid.visible_high = runs.front().last;
-  for (const CellRun& run : runs) {
+  for (const OctantRun& run : runs) {
     grid.visible_low = glm::min(grid.visible_low, glm::dvec3(run.first));
-    grid.visible_high = glm::max(grid.visible_high, glm::dvec3(run.last + 1));
+    grid.visible_high = glm::max(grid.visible_high, glm::dvec3(run.last));
   }
 }
 
-double find_reach(const std::vector<CellRun>& runs, const Volume& volume, const glm::dvec3& from) {
+double find_reach(const std::vector<OctantRun>& runs, const Volume& volume,
+                  const glm::dvec3& from) {
   double reach = 0;
-  for (const CellRun& run : runs)
+  for (const OctantRun& run : runs)
     for (int corner = 0; corner < 8; ++corner) {
-      const glm::dvec3 at((corner & 1) ? run.last.x + 1 : run.first.x,
-                          run.first.y + (corner >> 1 & 1), run.first.z + (corner >> 2));
+      const glm::bvec3 end(corner & 1, corner >> 1 & 1, corner >> 2);
+      const glm::dvec3 at(glm::mix(run.first, run.last, end));
       reach = std::max(reach, glm::distance(from, volume.origin + volume.axes * at));
     }
   return reach * 1.001;
@@ -245,19 +210,22 @@ double find_reach(const std::vector<CellRun>& runs, const Volume& volume, const 
 
 }  // namespace
 
-std::optional<Sphere> find_visible_space(const Volume& volume, RayGrid& grid, bool may_be_empty) {
-  for (std::size_t axis = 0; axis < 3; ++axis)
-    grid.bricks[axis] = (grid.dims[axis] - 1 + kBrick - 1) / kBrick;
-  auto runs = visit_voxels(volume, [&](auto voxels) {
-    const Visibility visible(grid, voxels);
-    grid.distance = find_visible_bricks(grid, voxels, visible);
-    grid.visible_cells = find_visible_cells(grid, visible);
-    return find_runs(grid);
-  });
+std::optional<Sphere> find_visible_space(const Volume& volume, RayGrid& grid, bool may_be_empty,
+                                         unsigned threads, std::uint64_t max_bricks) {
+  for (grid.brick_shift = 1;; ++grid.brick_shift) {
+    std::uint64_t count = 1;
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      grid.bricks[axis] = ((grid.dims[axis] - 2) >> grid.brick_shift) + 1;
+      count *= static_cast<std::uint64_t>(grid.bricks[axis]);
+    }
+    if (count <= max_bricks) break;
+  }
+  visit_voxels(volume, [&](auto voxels) { find_visible_bricks(voxels, threads, grid); });
+  auto runs = find_runs(grid);
   if (runs.empty()) {
     if (!may_be_empty) return std::nullopt;
     const glm::ivec3 middle = (last_voxel(grid) - 1) / 2;
-    runs.push_back({middle, middle});
+    runs.push_back({middle, middle + 1});
   }
   spread_distance(grid.distance, grid.bricks);
   find_visible_box(runs, grid);

@@ -21,7 +21,7 @@ class LightOnDemand {
  public:
   LightOnDemand(PreparedVolume& scene, unsigned threads)
       : scene_(scene),
-        medium_(scene.grid),
+        medium_(scene.grid, threads),
         illumination_(illuminate(scene.lighting, scene.bounds)),
         computer_(medium_, illumination_, scene.lighting, plan_of(scene), threads) {}
 

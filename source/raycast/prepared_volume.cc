@@ -152,7 +152,8 @@ std::shared_ptr<SharedScenes> share_scenes() { return std::make_shared<SharedSce
 
 Result<std::unique_ptr<PreparedVolume>> prepare_volume(Volume volume,
                                                        const TransferFunction& transfer,
-                                                       const RaycastOptions& options) {
+                                                       const RaycastOptions& options,
+                                                       unsigned threads) {
   SLF_TRY(check_options(options));
   auto scene = std::make_unique<PreparedVolume>();
   scene->lighting = options.lighting;
@@ -247,7 +248,7 @@ Result<std::unique_ptr<PreparedVolume>> prepare_volume(Volume volume,
   grid.light = {glm::vec3(glm::normalize(options.light)), 0};
   grid.ambient = options.ambient;
 
-  const std::optional<Sphere> bounds = find_visible_space(v, grid, options.may_be_empty);
+  const std::optional<Sphere> bounds = find_visible_space(v, grid, options.may_be_empty, threads);
   if (!bounds && !voxels.finite)
     return bad_file(v.source,
                     "all values are NaN or infinite: nothing is visible under any transfer "

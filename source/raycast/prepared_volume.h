@@ -56,9 +56,10 @@ struct PreparedVolume {
   std::vector<double> labels{};  ///< of a volume of labels: RayVoxels::labels
 };
 
-/// Converts the voxels, makes the tables and finds the visible space; no light volume yet. Errors
-/// as Raycaster::make.
+/// Converts the voxels, makes the tables and finds the visible space, on `threads` threads (0:
+/// all); no light volume yet. Errors as Raycaster::make.
 [[nodiscard]] Result<std::unique_ptr<PreparedVolume>> prepare_volume(
-    Volume volume, const TransferFunction& transfer, const RaycastOptions& options);
+    Volume volume, const TransferFunction& transfer, const RaycastOptions& options,
+    unsigned threads = 0);
 
 }  // namespace slf

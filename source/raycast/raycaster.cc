@@ -231,13 +231,13 @@ Result<std::unique_ptr<Raycaster>> Raycaster::make(Volume volume, const Transfer
   std::shared_ptr<LitScene>* scene = &own;
   if (!options.parts.only.empty()) {
     volume.share();
-    shown = SLF_TRY(prepare_volume(volume, transfer, options));
+    shown = SLF_TRY(prepare_volume(volume, transfer, options, light_volume.threads));
     all.parts.only.clear();
     if (options.shared)
       scene = &options.shared->lit[describe(volume, transfer, all) + light_volume.file];
   }
   if (!*scene) {
-    auto made = SLF_TRY(prepare_volume(std::move(volume), transfer, all));
+    auto made = SLF_TRY(prepare_volume(std::move(volume), transfer, all, light_volume.threads));
     *scene = std::shared_ptr<LitScene>(new LitScene{
         std::move(made), lit ? std::optional(light_volume) : std::nullopt, shown != nullptr});
     if (!lit && shown) (*scene)->scene->grid = {};
@@ -256,7 +256,7 @@ Result<void> Raycaster::prepare() const try {
   const std::lock_guard lock(lit.preparing);
   if (lit.pending) {
     const LightVolumeOptions& options = *lit.pending;
-    const Medium medium(lit.scene->grid);
+    const Medium medium(lit.scene->grid, options.threads);
     if (lit.from) SLF_TRY(lit.from->prepare());
     auto light = SLF_TRY(lit.from ? shared_light(*lit.from->state_->lit->light,
                                                  *lit.from->state_->lit->scene, *lit.scene, medium,

@@ -55,7 +55,7 @@ struct RayBatch {
   // ends.
   alignas(64) std::int32_t cell[3][kBatch];
   alignas(64) std::int32_t brick[kBatch];
-  alignas(64) std::int32_t bit[kBatch];    // of the cell in RayGrid::visible_cells
+  alignas(64) std::int32_t bit[kBatch];    // of the cell in RayGrid::visible_octants
   alignas(64) std::int32_t shown[kBatch];  // that bit: 1 if the cell can be visible
   alignas(64) std::int32_t distance[kBatch];
   alignas(64) float from[kBatch];
@@ -118,8 +118,9 @@ HWY_INLINE void find_bricks(const RayGrid& grid, RayBatch& batch) {
     Ints brick = ints(0), bit = ints(0);
     for (int axis = 2; axis >= 0; --axis) {
       const Ints cell = hn::ShiftRightSame(load(batch.cell[axis] + i), grid.cell_shift);
-      brick = brick * ints(grid.bricks[axis]) + hn::ShiftRight<kBrickShift>(cell);
-      bit = hn::ShiftLeft<kBrickShift>(bit) + hn::And(cell, ints(kBrick - 1));
+      brick = brick * ints(grid.bricks[axis]) + hn::ShiftRightSame(cell, grid.brick_shift);
+      const Ints half = hn::ShiftRightSame(cell, grid.brick_shift - 1);
+      bit = hn::ShiftLeft<1>(bit) + hn::And(half, ints(1));
     }
     store(brick, batch.brick + i);
     store(bit, batch.bit + i);
@@ -136,13 +137,11 @@ HWY_INLINE CellRange cell_range(const RayGrid& grid, const RayBatch& batch, int 
   const Ints one = ints(1);
   const Ints cell = load(batch.cell[axis] + i);
   const Ints distance = load(batch.distance + i);
-  const Ints brick = hn::ShiftRightSame(cell, (kBrickShift + grid.cell_shift));
+  const int shift = grid.brick_shift + grid.cell_shift;
+  const Ints brick = hn::ShiftRightSame(cell, shift);
   const auto empty = distance > ints(0);
-  return {
-      hn::IfThenElse(
-          empty, hn::ShiftLeftSame(brick - distance + one, (kBrickShift + grid.cell_shift)), cell),
-      hn::IfThenElse(empty, hn::ShiftLeftSame(brick + distance, (kBrickShift + grid.cell_shift)),
-                     cell + one)};
+  return {hn::IfThenElse(empty, hn::ShiftLeftSame(brick - distance + one, shift), cell),
+          hn::IfThenElse(empty, hn::ShiftLeftSame(brick + distance, shift), cell + one)};
 }
 
 /// Where each ray leaves its range of cells through a face of this axis.
@@ -406,7 +405,7 @@ RayCounts trace_typed(const RayGrid& grid, std::span<const Segment> rays,
     for (std::size_t i = 0; i < batch.size; ++i) {
       const auto brick = static_cast<std::size_t>(batch.brick[i]);
       batch.distance[i] = grid.distance[brick];
-      batch.shown[i] = grid.visible_cells[brick] >> batch.bit[i] & 1;
+      batch.shown[i] = grid.visible_octants[brick] >> batch.bit[i] & 1;
     }
     find_intervals(grid, batch);
     take(batch, samples);

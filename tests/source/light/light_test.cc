@@ -18,6 +18,7 @@
 #include "source/light/light_rig.h"
 #include "source/light/light_volume.h"
 #include "source/medium/medium.h"
+#include "source/medium/visible_space.h"
 #include "source/raycast/prepared_volume.h"
 #include "tests/instruction_set.h"
 #include "tests/source/light/light_samples.h"
@@ -208,6 +209,47 @@ TEST(Light, TransmittanceFollowsBeerAndLambert) {
       passed += !medium.fly(from, along, kForever, random).has_value();
     const double noise = std::sqrt(expected * (1 - expected) / kFlights);
     EXPECT_NEAR(static_cast<double>(passed) / kFlights, expected, 4 * noise + 1e-6);
+  }
+}
+
+TEST(Light, FlightsAreTheSameThroughLargeBricks) {
+  for (const bool labels : {false, true}) {
+    Volume cloud = volume_of(glm::uvec3(33), [&](glm::ivec3 at) {
+      const int value = (at.x * at.x + 3 * at.y + at.z * at.z) % 200;
+      return glm::distance(glm::dvec3(at), glm::dvec3(16)) > 13 ? 0 : labels ? value % 4 : value;
+    });
+    cloud.labels = labels;
+    const auto scene =
+        prepare_volume(cloud,
+                       labels ? material({1, 1, 1}, {{0, 0}, {1, 0.05}, {2, 0.2}, {3, 0}})
+                              : material({1, 1, 1}, {{80, 0}, {120, 0.2}, {200, 0.3}}),
+                       lit(kWhiteSky));
+    ASSERT_TRUE(scene) << scene.error().message;
+    for (const std::uint64_t max_bricks : {kMaxBricks, std::uint64_t{600}, std::uint64_t{1}}) {
+      RayGrid& grid = (*scene)->grid;
+      ASSERT_TRUE(find_visible_space((*scene)->volume, grid, false, 2, max_bricks));
+      EXPECT_LE(grid.distance.size(), max_bricks);
+      const Medium medium(grid, 2);
+      std::mt19937 places(5);
+      Random random(1);
+      for (int k = 0; k < 12; ++k) {
+        const glm::dvec3 from = glm::dvec3(16) + random_point(places, 8);
+        const glm::dvec3 along = medium.per_world(random_point(places, 1));
+        constexpr double kLength = 5;
+        constexpr int kSteps = 2000, kFlights = 20000;
+        double depth = 0;
+        for (int step = 0; step < kSteps; ++step)
+          depth +=
+              kLength / kSteps * medium.extinction(from + kLength / kSteps * (step + 0.5) * along);
+        int passed = 0;
+        for (int flight = 0; flight < kFlights; ++flight)
+          passed += !medium.fly(from, along, kLength, random).has_value();
+        const double expected = std::exp(-depth);
+        EXPECT_NEAR(static_cast<double>(passed) / kFlights, expected,
+                    5 * std::sqrt(expected * (1 - expected) / kFlights) + 1e-3)
+            << labels << " " << max_bricks;
+      }
+    }
   }
 }
 

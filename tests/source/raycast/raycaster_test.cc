@@ -12,6 +12,7 @@
 #include <span>
 #include <vector>
 
+#include "source/medium/visible_space.h"
 #include "source/raycast/prepared_volume.h"
 #include "tests/instruction_set.h"
 
@@ -79,6 +80,10 @@ TEST(Raycaster, LeapingOverEmptySpaceChangesNothing) {
     const auto leaping = *prepare_volume(blobs(seed), ramp(20, 120, 0.6), {});
     const auto plain = *prepare_volume(blobs(seed), ramp(20, 120, 0.6), {});
     std::ranges::fill(plain->grid.distance, 0);  // then every cell is visited
+    const auto large = *prepare_volume(blobs(seed), ramp(20, 120, 0.6), {});
+    ASSERT_TRUE(find_visible_space(large->volume, large->grid, false, 2, 300));
+    EXPECT_EQ(large->grid.brick_shift, 3);
+    EXPECT_LE(large->grid.distance.size(), 300);
     const Sphere s = leaping->bounds;
     std::mt19937 random(seed);
     int visible = 0;
@@ -90,6 +95,9 @@ TEST(Raycaster, LeapingOverEmptySpaceChangesNothing) {
       EXPECT_LE(leaps.steps, trace_rays(plain->grid, {&ray, 1}, {&b, 1}).steps);
       EXPECT_EQ(a.rgba, b.rgba);
       EXPECT_EQ(a.depth, b.depth);
+      trace_rays(large->grid, {&ray, 1}, {&b, 1});  // from the face of a larger box: rounding
+      EXPECT_LT(glm::length(a.rgba - b.rgba), 2e-5);
+      EXPECT_NEAR(a.depth, b.depth, 2e-5);
       visible += a.rgba.a > 0;
     }
     EXPECT_GT(visible, 100);
