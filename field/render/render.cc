@@ -346,7 +346,8 @@ Result<void> Renderer::draw(const Camera& camera, const ViewOptions& requested, 
     }
   }
   if (options.cap && !options.clip.empty())
-    SLF_TRY(options.cap->prepare_for(some_cut_rays(options, field.shape().sphere, rays, camera)));
+    SLF_TRY(options.cap->prepare_for(
+        [&] { return some_cut_rays(options, field.shape().sphere, rays, camera); }));
   cache.reset_peak();
   const auto threads =
       static_cast<unsigned>(std::min<std::size_t>(state_->renderers.size(), blocks.count()));

@@ -43,12 +43,15 @@ Result<Image> trace_view(const Scene& scene, const Sphere& sphere, const Camera&
     return Segment{ray.origin + std::max(chord.enter, 0.0) * ray.direction,
                    ray.origin + chord.leave * ray.direction};
   };
-  std::vector<Segment> some;  // few, and still close to each other
-  const std::uint32_t step = 1 + std::max(camera.width, camera.height) / 512;
-  for (std::uint32_t y = 0; y < camera.height; y += step)
-    for (std::uint32_t x = 0; x < camera.width; x += step)
-      if (const auto ray = segment(rays.ray(x, y))) some.push_back(*ray);
-  SLF_TRY(guarded([&] { return scene.prepare_for(some); }));
+  const auto some_rays = [&] {
+    std::vector<Segment> some;  // few, and still close to each other
+    const std::uint32_t step = 1 + std::max(camera.width, camera.height) / 512;
+    for (std::uint32_t y = 0; y < camera.height; y += step)
+      for (std::uint32_t x = 0; x < camera.width; x += step)
+        if (const auto ray = segment(rays.ray(x, y))) some.push_back(*ray);
+    return some;
+  };
+  SLF_TRY(guarded([&] { return scene.prepare_for(some_rays); }));
   Reporter reporter(progress, {0, camera.height, 0}, "stopped while a view was traced");
   SLF_TRY(parallel_for(camera.height, threads, reporter, [&](std::uint64_t y) {
     std::vector<Segment> segments;

@@ -98,7 +98,7 @@ class Raycaster final : public Scene {
 
   /// Computes the light volume if make() has deferred it. Errors as make().
   [[nodiscard]] Result<void> prepare() const override;
-  [[nodiscard]] Result<void> prepare_for(std::span<const Segment> rays) const override;
+  [[nodiscard]] Result<void> prepare_for(const SomeRays& rays) const override;
   [[nodiscard]] std::vector<std::byte> light() const override;
   /// Has an effect only if make() has deferred the light volume.
   bool set_light(std::span<const std::byte> light) const override;

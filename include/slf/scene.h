@@ -6,6 +6,7 @@
 #pragma once
 
 #include <cstddef>
+#include <functional>
 #include <glm/glm.hpp>
 #include <memory>
 #include <span>
@@ -59,9 +60,11 @@ class Scene {
   /// documentation says so. Not thread-safe; a second call does nothing.
   [[nodiscard]] virtual Result<void> prepare() const { return {}; }
 
-  /// Does what prepare() does as far as these rays, and those between them, need it. trace_view()
-  /// calls this before it traces the first ray. Not thread-safe.
-  [[nodiscard]] virtual Result<void> prepare_for(std::span<const Segment> /*rays*/) const {
+  /// Does what prepare() does as far as the rays that `rays` returns, and those between them, need
+  /// it; does not call that if it need not. trace_view() calls this before it traces the first ray.
+  /// Not thread-safe.
+  using SomeRays = std::function<std::vector<Segment>()>;
+  [[nodiscard]] virtual Result<void> prepare_for(const SomeRays& /*rays*/) const {
     return prepare();
   }
 

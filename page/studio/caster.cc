@@ -219,7 +219,7 @@ Drawn Caster::draw(const Job& job) {
 Result<Drawn> Caster::picture_of(const Job& job) {
   const bool small = !job.transfer.empty(), moving = job.stage == Stage::moving;
   // Coarse light that is complete costs no more than direct light.
-  const Stage stage = nearest(std::max(job.stage, prepared_ ? Stage::coarse : Stage::direct));
+  const Stage stage = nearest(std::max(job.stage, prepared_ && !moving ? Stage::coarse : Stage::direct));
   const auto shown = SLF_TRY(small ? make(Stage::direct, job.transfer) : scene(stage));
   const Sphere sphere = sphere_of(drawn_, shown->bounds());
   Look look = job.look;

@@ -10,6 +10,11 @@
 namespace slf {
 namespace {
 
+/// Whether any of some values can be visible, and whether all can.
+struct Shows {
+  bool any, all;
+};
+
 /// Decides which boxes of voxels can be visible.
 template <class T>
 class Visibility {
@@ -37,19 +42,20 @@ class Visibility {
       }
     if (!shown) return false;
     if (grid_.labels) return labelled;
-    return shows_between({low, high});
+    return shows_between({low, high}).any;
   }
 
   /// Whether the range of its voxels says all about a box: it has no labels and no structures.
   [[nodiscard]] bool by_range() const { return !grid_.labels && grid_.rows.empty(); }
-  /// Whether values between these two can be visible.
-  [[nodiscard]] bool shows_between(const std::pair<T, T>& range) const {
+  /// Of the values between these two.
+  [[nodiscard]] Shows shows_between(const std::pair<T, T>& range) const {
     // One entry more on each side, for rounding.
     const std::int64_t end = static_cast<std::int64_t>(grid_.table.entries) - 1;
     const auto from = std::clamp<std::int64_t>(entry(range.first) - 1, 0, end);
-    const auto to = std::clamp<std::int64_t>(entry(range.second) + 1, 0, end);
-    return visible_below_[static_cast<std::size_t>(to) + 1] >
-           visible_below_[static_cast<std::size_t>(from)];
+    const auto to = std::clamp<std::int64_t>(entry(range.second) + 1, 0, end) + 1;
+    const std::int64_t visible = std::int64_t{visible_below_[static_cast<std::size_t>(to)]} -
+                                 visible_below_[static_cast<std::size_t>(from)];
+    return {visible > 0, visible == to - from};
   }
 
  private:
@@ -109,11 +115,16 @@ void find_visible_bricks(std::span<const T> voxels, unsigned threads, RayGrid& g
       for (int x = 0; x < grid.bricks[0]; ++x) {
         const glm::ivec3 at(x, y, z);
         const auto [first, last] = block(grid, at, grid.brick_shift);
-        if (!is_kept(grid, first, last) ||
-            !(visible.by_range() ? visible.shows_between(bricks.range(x)) : visible(first, last)))
-          continue;
+        if (!is_kept(grid, first, last)) continue;
+        const auto shows = visible.by_range() ? visible.shows_between(bricks.range(x))
+                                              : Shows{visible(first, last), false};
+        if (!shows.any) continue;
         const std::size_t number = number_in(grid.bricks, at);
         grid.distance[number] = 0;
+        if (shows.all && grid.clip.empty() && last - first == glm::ivec3(1 << grid.brick_shift)) {
+          grid.visible_octants[number] = 0xFF;
+          continue;
+        }
         for (int k = 0; k < 4 && !octants_read; ++k)
           octants[static_cast<std::size_t>(k)].read(2 * y + (k & 1), 2 * z + (k >> 1));
         octants_read = true;
@@ -122,7 +133,8 @@ void find_visible_bricks(std::span<const T> voxels, unsigned threads, RayGrid& g
           const auto [from, to] = block(grid, octant, half);
           if (!glm::all(glm::lessThan(from, to)) || !is_kept(grid, from, to)) continue;
           const auto& row = octants[static_cast<std::size_t>(k >> 1)];
-          if (visible.by_range() ? visible.shows_between(row.range(octant.x)) : visible(from, to))
+          if (visible.by_range() ? visible.shows_between(row.range(octant.x)).any
+                                 : visible(from, to))
             grid.visible_octants[number] |= static_cast<std::uint8_t>(1 << k);
         }
       }

@@ -38,7 +38,7 @@ class Slice final : public Scene {
         matter_(matter),
         linear_(linear) {}
 
-  [[nodiscard]] Result<void> prepare_for(std::span<const Segment> rays) const override {
+  [[nodiscard]] Result<void> prepare_for(const SomeRays& rays) const override {
     return behind_->prepare_for(rays);
   }
   [[nodiscard]] Sphere bounds() const override { return behind_->bounds(); }

@@ -302,17 +302,18 @@ std::vector<std::byte> Raycaster::light() const {
   return encode_light(light_key(lit.scene->provenance), *lit.light);
 }
 
-Result<void> Raycaster::prepare_for(std::span<const Segment> rays) const try {
+Result<void> Raycaster::prepare_for(const SomeRays& some_rays) const try {
   const auto& pending = state_->lit->pending;
   if (pending && (state_->shown || state_->lit->from || !pending->file.empty())) return prepare();
   LightOnDemand* light = SLF_TRY(state_->light_on_demand());
   if (light == nullptr) return {};
+  const std::vector<Segment> rays = some_rays();
   constexpr std::size_t kRays = 256;
   SLF_TRY(parallel_for((rays.size() + kRays - 1) / kRays, pending->threads, [&](std::uint64_t k) {
     std::array<RaySample, kRays> samples;
     RayCounts counts;
     const std::size_t begin = k * kRays;
-    const auto some = rays.subspan(begin, std::min(kRays, rays.size() - begin));
+    const auto some = std::span(rays).subspan(begin, std::min(kRays, rays.size() - begin));
     light->trace(some, std::span(samples).first(some.size()), counts);
   }));
   return light->compute_missed(pending->progress);
