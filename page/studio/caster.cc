@@ -17,7 +17,9 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
-constexpr double kPace = 0.085;           // seconds that a moving picture may take
+constexpr double kPace = 0.088;   // seconds that a moving picture may take
+constexpr double kLitCost = 1.6;  // of rays under light that is there, to direct light
+constexpr double kLargePixels = 512 * 512;
 constexpr double kLeastPixels = 96 * 96;  // of one
 constexpr std::size_t kMaxPages = 8;
 constexpr std::chrono::seconds kAway(2);  // after which a page that asks for nothing is closed
@@ -218,24 +220,32 @@ Drawn Caster::draw(const Job& job) {
 
 Result<Drawn> Caster::picture_of(const Job& job) {
   const bool small = !job.transfer.empty(), moving = job.stage == Stage::moving;
-  // Coarse light that is complete costs no more than direct light.
-  const Stage stage = nearest(std::max(job.stage, prepared_ && !moving ? Stage::coarse : Stage::direct));
+  // Pictures in motion have coarse light if it is complete and leaves them large.
+  const double asked = static_cast<double>(job.look.width) * job.look.height;
+  const bool large = pixels_ >= kLitCost * std::min(asked, kLargePixels);
+  const bool lit = prepared_ && (!moving || large);
+  const Stage stage = nearest(std::max(job.stage, lit ? Stage::coarse : Stage::direct));
+  const auto start = Clock::now();
   const auto shown = SLF_TRY(small ? make(Stage::direct, job.transfer) : scene(stage));
   const Sphere sphere = sphere_of(drawn_, shown->bounds());
   Look look = job.look;
   if (small) look = {1, {{}, 0}, {30, 20, 3, 0, 0, 0}, kThumbnail, kThumbnail, false};
-  const double shrink = moving ? std::sqrt(std::min(1.0, pixels_ / look.width / look.height)) : 1;
+  const auto begin = Clock::now();
+  Drawn drawn;
+  drawn.prepared = std::chrono::duration<double>(begin - start).count();
+  const double cost = stage > Stage::direct && moving ? kLitCost : 1;
+  const double pixels = pixels_ / cost * std::clamp(1 - drawn.prepared / kPace, 0.25, 1.0);
+  const double shrink = moving ? std::sqrt(std::min(1.0, pixels / asked)) : 1;
   look.width = std::max(1u, static_cast<std::uint32_t>(look.width * shrink));
   look.height = std::max(1u, static_cast<std::uint32_t>(look.height * shrink));
-  const auto begin = Clock::now();
   const Image image = SLF_TRY(trace_view(*shown, sphere, camera_of(look, sphere), threads_,
                                          [&](const Progress&) { return moving || !cancel_; }));
   if (moving) {
     const double seconds = std::chrono::duration<double>(Clock::now() - begin).count();
-    const double pixels = static_cast<double>(look.width) * look.height;
-    pixels_ = std::max(kLeastPixels, pixels * std::clamp(kPace / seconds, 0.5, 1.5));
+    const double traced = cost * look.width * look.height;
+    pixels_ =
+        std::max(kLeastPixels, pixels_ * std::clamp(traced / pixels_ * kPace / seconds, 0.5, 1.5));
   }
-  Drawn drawn;
   drawn.stage = moving ? Stage::moving : stage;
   drawn.last = moving || stage == Stage::fine;
   drawn.png = drawn.stage == Stage::fine;

@@ -42,10 +42,11 @@ struct Look {
 struct Drawn {
   std::uint64_t serial = 0, revision = 0;
   Stage stage = Stage::none;
-  bool last = false;  ///< none follows for this look
-  bool png = false;   ///< else JPEG
-  std::string bytes;  ///< empty: see `error`
-  Sphere sphere{};    ///< of the scene
+  bool last = false;    ///< none follows for this look
+  bool png = false;     ///< else JPEG
+  std::string bytes;    ///< empty: see `error`
+  double prepared = 0;  ///< seconds that the scene took before, at any size of the picture
+  Sphere sphere{};      ///< of the scene
   std::string error;
 };
 

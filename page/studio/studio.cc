@@ -301,6 +301,7 @@ std::optional<Response> Studio::State::picture(const json& body) {
   response.set("Slf-Stage", std::to_string(static_cast<int>(drawn->stage)));
   response.set("Slf-Last", drawn->last ? "1" : "0");
   response.set("Slf-Revision", std::to_string(drawn->revision));
+  response.set("Slf-Prepared", std::to_string(1000 * drawn->prepared));
   response.set("Slf-Sphere",
                json{sphere.center.x, sphere.center.y, sphere.center.z, sphere.radius}.dump());
   return response;

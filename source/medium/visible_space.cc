@@ -113,12 +113,13 @@ void find_visible_bricks(std::span<const T> voxels, unsigned threads, RayGrid& g
       if (visible.by_range()) bricks.read(y, z);
       bool octants_read = !visible.by_range();
       for (int x = 0; x < grid.bricks[0]; ++x) {
+        // Most bricks need no more than this.
+        Shows shows{true, false};
+        if (visible.by_range()) shows = visible.shows_between(bricks.range(x));
+        if (!shows.any) continue;
         const glm::ivec3 at(x, y, z);
         const auto [first, last] = block(grid, at, grid.brick_shift);
-        if (!is_kept(grid, first, last)) continue;
-        const auto shows = visible.by_range() ? visible.shows_between(bricks.range(x))
-                                              : Shows{visible(first, last), false};
-        if (!shows.any) continue;
+        if (!is_kept(grid, first, last) || !(visible.by_range() || visible(first, last))) continue;
         const std::size_t number = number_in(grid.bricks, at);
         grid.distance[number] = 0;
         if (shows.all && grid.clip.empty() && last - first == glm::ivec3(1 << grid.brick_shift)) {
@@ -129,11 +130,11 @@ void find_visible_bricks(std::span<const T> voxels, unsigned threads, RayGrid& g
           octants[static_cast<std::size_t>(k)].read(2 * y + (k & 1), 2 * z + (k >> 1));
         octants_read = true;
         for (int k = 0; k < 8; ++k) {
-          const glm::ivec3 octant = 2 * at + glm::ivec3(k & 1, k >> 1 & 1, k >> 2);
-          const auto [from, to] = block(grid, octant, half);
+          const glm::ivec3 place(k & 1, k >> 1 & 1, k >> 2);
+          const glm::ivec3 from = first + (place << half), to = glm::min(from + (1 << half), last);
           if (!glm::all(glm::lessThan(from, to)) || !is_kept(grid, from, to)) continue;
           const auto& row = octants[static_cast<std::size_t>(k >> 1)];
-          if (visible.by_range() ? visible.shows_between(row.range(octant.x)).any
+          if (visible.by_range() ? visible.shows_between(row.range(2 * x + place.x)).any
                                  : visible(from, to))
             grid.visible_octants[number] |= static_cast<std::uint8_t>(1 << k);
         }

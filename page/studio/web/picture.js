@@ -60,8 +60,10 @@ export async function draw() {
       const header = (name) => answer.headers.get('Slf-' + name);
       const bitmap = await createImageBitmap(await answer.blob());
       const {width, height} = bitmap, at = performance.now();
+      // What the scene took is no reason for a smaller picture.
+      const took = Math.max(1, at - now - Number(header('Prepared')));
       if (moving)
-        pace = Math.max(kLeastPixels, width * height * Math.min(1.5, kFrame / (at - now)));
+        pace = Math.max(kLeastPixels, width * height * Math.min(1.5, kFrame / took));
       if (picture.width !== width || picture.height !== height)
         Object.assign(picture, {width, height});
       pen.drawImage(bitmap, 0, 0);
