@@ -33,6 +33,9 @@
 #include "slf/volume_parts.h"
 
 namespace slf {
+namespace recipe {
+struct Readings;  // source/recipe/scenes.h
+}
 
 /// A volume in memory, or else the path of one; neither: none.
 struct VolumeSource {
@@ -71,6 +74,7 @@ struct Recipe {
   std::optional<std::array<double, 2>> range{};  ///< of values, to stretch the function to
   /// Parts of the volume, on any grid. A file is read as `reading` says, as far as it applies.
   VolumeSource labels_volume{}, mask{};
+  std::shared_ptr<const recipe::Readings> read{};  ///< volumes of files, read before; or null
   std::string label_table{};  ///< for read_label_table(); empty: that of `labels_volume`
   std::vector<std::int64_t> only_labels{};  ///< VolumeParts::only
 

@@ -10,6 +10,7 @@
 #include "base/try.h"
 #include "page/views.h"
 #include "slf/image.h"
+#include "source/raycast/prepared_volume.h"
 #include "source/recipe/options.h"
 
 namespace slf::page {
@@ -17,13 +18,13 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
-constexpr double kPace = 0.088;   // seconds that a moving picture may take
+constexpr double kPace = 0.09;    // seconds that a moving picture may take
 constexpr double kLitCost = 1.6;  // of rays under light that is there, to direct light
 constexpr double kLargePixels = 512 * 512;
 constexpr double kLeastPixels = 96 * 96;  // of one
 constexpr std::size_t kMaxPages = 8;
 constexpr std::chrono::seconds kAway(2);  // after which a page that asks for nothing is closed
-constexpr std::size_t kMaxReadings = 4;   // volumes that are kept for the next recipe
+constexpr std::size_t kSpareBytes = std::size_t{1} << 30;  // of volumes of earlier recipes
 constexpr std::size_t kMaxThumbnails = 64;
 constexpr std::uint32_t kThumbnail = 112;          // pixels along a side
 constexpr int kMovingQuality = 78, kQuality = 90;  // of JPEG
@@ -51,7 +52,10 @@ Caster::~Caster() {
 Result<void> Caster::read(const Recipe& recipe) {
   return guarded([&]() -> Result<void> {
     if (recipe.is_pictures()) SLF_TRY(read_pictures(recipe));
-    if (recipe::kind_of(recipe) == recipe::kVolume) SLF_TRY(recipe::volume_of(recipe, &readings_));
+    if (recipe::kind_of(recipe) != recipe::kVolume) return {};
+    recipe::Readings read;
+    SLF_TRY(recipe::volume_of(recipe, &read));
+    keep(std::move(read));
     return {};
   });
 }
@@ -103,6 +107,26 @@ std::optional<Drawn> Caster::thumbnail(const std::string& transfer) {
 std::shared_ptr<const Volume> Caster::volume() {
   const std::lock_guard lock(mutex_);
   return volume_;
+}
+
+std::shared_ptr<const recipe::Readings> Caster::readings() {
+  const std::lock_guard lock(mutex_);
+  return readings_;
+}
+
+/// Keeps what a recipe reads, and of the earlier ones what takes little memory.
+void Caster::keep(recipe::Readings read) {
+  std::size_t spare = 0;
+  for (const recipe::Reading& one : readings_->volumes) {
+    const auto is_same = [&](const recipe::Reading& other) {
+      return other.volume.borrowed == one.volume.borrowed;
+    };
+    if (std::ranges::any_of(read.volumes, is_same)) continue;
+    spare += one.volume.bytes().size();
+    if (spare <= kSpareBytes) read.volumes.push_back(one);
+  }
+  const std::lock_guard lock(mutex_);
+  readings_ = std::make_shared<const recipe::Readings>(std::move(read));
 }
 
 std::vector<std::string> Caster::notes() {
@@ -292,7 +316,7 @@ Result<std::shared_ptr<const Scene>> Caster::make(Stage stage, const std::string
   recipe.on_note = [&](const std::string& note, const char*) { notes.push_back(note); };
   recipe.light_volume.threads = threads_;
   recipe.light_volume.progress = [this](const Progress&) { return !cancel_; };
-  recipe.raycast.shared = shared_;
+  recipe.read = readings_;
   if (!transfer.empty()) {
     recipe.transfer = transfer;
     recipe.range.reset();
@@ -313,15 +337,22 @@ Result<std::shared_ptr<const Scene>> Caster::make(Stage stage, const std::string
     light.spacing = std::min(16.0, (stage == Stage::rough ? 4 : 2) * light.spacing);
     light.samples = std::max(1u, light.samples / 4);
   }
-  if (readings_.volumes.size() > kMaxReadings) readings_.volumes.erase(readings_.volumes.begin());
+  recipe::Readings read{{}, readings_->unit};
+  if (recipe::kind_of(recipe) == recipe::kVolume) {
+    const Volume volume = SLF_TRY(guarded([&] { return recipe::volume_of(recipe, &read); }));
+    if (!volume_ || volume_->borrowed != volume.borrowed) {  // else it is the same
+      shared_ = share_scenes();
+      const std::lock_guard lock(mutex_);
+      volume_ = std::make_shared<const Volume>(volume);
+    }
+  }
+  recipe.raycast.shared = shared_;
   std::shared_ptr<const Scene> made =
-      SLF_TRY(guarded([&] { return recipe::scene_of(recipe, &readings_); }));
-  const bool reads = recipe::kind_of(recipe) == recipe::kVolume;
-  const auto read = reads ? recipe::volume_of(recipe, &readings_) : Volume();
+      SLF_TRY(guarded([&] { return recipe::scene_of(recipe, &read); }));
+  shared_->lit.clear();  // no scene that follows shows other labels in the same light
+  keep(std::move(read));
   const std::lock_guard lock(mutex_);
   if (transfer.empty()) notes_ = std::move(notes);
-  if (reads && read && !(volume_ && volume_->borrowed == read->borrowed))  // else it is the same
-    volume_ = std::make_shared<const Volume>(*read);
   return made;
 }
 

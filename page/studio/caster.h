@@ -71,6 +71,8 @@ class Caster {
   std::optional<glm::dvec3> meet(const Look& look, double x, double y);
   /// The volume that is shown, once it was read; null: none.
   std::shared_ptr<const Volume> volume();
+  /// All that was read for it.
+  std::shared_ptr<const recipe::Readings> readings();
   /// What readers want people to know.
   std::vector<std::string> notes();
   /// While it is paused, it draws thumbnails, and one picture of each view, of light that is there.
@@ -98,6 +100,7 @@ class Caster {
   Drawn draw(const Job& job);
   Result<Drawn> picture_of(const Job& job);
   void prepare();
+  void keep(recipe::Readings read);
   [[nodiscard]] Stage nearest(Stage stage) const;
   Result<std::shared_ptr<const Scene>> scene(Stage stage);
   Result<std::shared_ptr<const Scene>> make(Stage stage, const std::string& transfer = {});
@@ -110,8 +113,9 @@ class Caster {
   std::map<std::uint64_t, Page> pages_;
   std::map<std::string, Drawn> thumbnails_;
   std::vector<std::string> notes_;
-  std::shared_ptr<const Scene> plain_;  ///< drawn last, without light that is computed on demand
-  std::shared_ptr<const Volume> volume_;
+  std::shared_ptr<const Scene> plain_;    ///< drawn last, without light that is computed on demand
+  std::shared_ptr<const Volume> volume_;  ///< only changed by the thread that draws, as the next
+  std::shared_ptr<const recipe::Readings> readings_ = std::make_shared<recipe::Readings>();
   bool paused_ = false, stop_ = false;
   bool prepared_ = false;  ///< whether all coarse light is there
   std::atomic<bool> cancel_ = false;
@@ -120,7 +124,6 @@ class Caster {
   Recipe drawn_;            ///< the recipe of `scenes_`
   std::uint64_t made_ = 0;  ///< and its number
   Scenes scenes_;
-  recipe::Readings readings_;
   std::string surroundings_of_;  ///< the file of `surroundings_`
   std::shared_ptr<const Image> surroundings_;
   std::shared_ptr<SharedScenes> shared_ = share_scenes();

@@ -147,10 +147,11 @@ struct Studio::State {
 /// Works on what the recipe makes: its states, and how they are to be built.
 template <class T, class Work>
 void Studio::State::begin(Task<T>& task, const Work& work) {
-  task.start([&task, recipe = draft.whole(), threads = options.threads,
+  task.start([&task, recipe = draft.whole(), read = caster.readings(), threads = options.threads,
               work](const ProgressCallback& progress) -> Result<T> {
     if (!recipe) return tl::unexpected(recipe.error());
     Recipe made = *recipe;
+    made.read = read;
     made.raycast.lighting.linear = made.field.half;
     made.light_volume.threads = made.field.threads = threads;
     const auto of = [&](const char* phase) {

@@ -8,8 +8,8 @@
 
 namespace slf {
 
-/// The most bricks of a grid: they take 6 bytes each, with those of Medium.
-inline constexpr std::uint64_t kMaxBricks = std::uint64_t{1} << 27;
+/// The most bricks of a grid, as of 512³ voxels: they take 6 bytes each, with those of Medium.
+inline constexpr std::uint64_t kMaxBricks = std::uint64_t{1} << 24;
 
 /// Computes the grid's bricks, distances and visible box from its table and dims, on `threads`
 /// threads (0: all). Returns a sphere from the middle of that box to the farthest visible octant.

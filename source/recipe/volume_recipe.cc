@@ -16,11 +16,18 @@ namespace {
 using nlohmann::json;
 
 /// `kept`: null: none.
-Result<Volume> read_once(const std::string& path, const VolumeOptions& options, Readings* kept) {
-  if (kept == nullptr) return read_volume(path, options);
-  for (const Reading& before : kept->volumes)
-    if (before.path == path && before.options == options) return before.volume;
-  auto volume = SLF_TRY(read_volume(path, options));
+Result<Volume> read_once(const Recipe& d, const std::string& path, const VolumeOptions& options,
+                         Readings* kept) {
+  const auto before = [&](const Readings* from) -> const Reading* {
+    if (from == nullptr) return nullptr;
+    for (const Reading& one : from->volumes)
+      if (one.path == path && one.options == options) return &one;
+    return nullptr;
+  };
+  if (const Reading* found = before(kept)) return found->volume;
+  const Reading* found = before(d.read.get());
+  Volume volume = found ? found->volume : SLF_TRY(read_volume(path, options));
+  if (kept == nullptr) return volume;
   volume.share();
   kept->volumes.push_back({path, options, std::move(volume)});
   return kept->volumes.back().volume;
@@ -40,7 +47,7 @@ Result<Volume> read_structure(const Recipe& d, const std::string& path, Readings
   options.resample = d.reading.resample;
   const auto reading = reading_of(d);
   if (!reading.raw) options.spacing = d.reading.spacing;
-  auto volume = read_once(path, options, kept);
+  auto volume = read_once(d, path, options, kept);
   if (volume) return volume;
   const std::string_view choice = volume.error().choice ? volume.error().choice : "";
   if (choice == "raw" && reading.raw) {
@@ -53,7 +60,7 @@ Result<Volume> read_structure(const Recipe& d, const std::string& path, Readings
   } else {
     return volume;
   }
-  return read_once(path, options, kept);
+  return read_once(d, path, options, kept);
 }
 
 /// How many of the units `to` one unit `from` is; 1 if either is not known.
@@ -201,7 +208,7 @@ Result<std::shared_ptr<const Scene>> light_scene(const Recipe& d, const json& bu
 Result<Volume> volume_of(const Recipe& d, Readings* kept) {
   if (d.volume) return *d.volume;
   const auto reading = reading_of(d);
-  auto volume = read_once(d.input, reading, kept);
+  auto volume = read_once(d, d.input, reading, kept);
   if (volume || volume.error().code == ErrorCode::not_found) return volume;
   std::error_code ignored;
   const bool may_have_cameras = d.input.ends_with(".json") || d.input.ends_with(".csv") ||
