@@ -18,7 +18,7 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
-constexpr double kPace = 0.09;    // seconds that a moving picture may take
+constexpr double kPace = 0.096;   // seconds that a moving picture may take
 constexpr double kLitCost = 1.6;  // of rays under light that is there, to direct light
 constexpr double kLargePixels = 512 * 512;
 constexpr double kLeastPixels = 96 * 96;  // of one
@@ -180,9 +180,10 @@ std::optional<Caster::Job> Caster::next() const {
     if (current && (paused_ || page.drawn.last)) continue;
     if (best && page.asked < best->asked) continue;
     best = &page, number = id;
-    stage = page.look.moving ? Stage::moving
-            : current        ? static_cast<Stage>(static_cast<int>(page.drawn.stage) + 1)
-                             : Stage::direct;
+    stage = page.look.moving       ? Stage::moving
+            : current              ? static_cast<Stage>(static_cast<int>(page.drawn.stage) + 1)
+            : paused_ && prepared_ ? Stage::coarse
+                                   : Stage::direct;
   }
   if (!best || stage > Stage::rough)
     for (const auto& [transfer, drawn] : thumbnails_)
@@ -244,10 +245,10 @@ Drawn Caster::draw(const Job& job) {
 
 Result<Drawn> Caster::picture_of(const Job& job) {
   const bool small = !job.transfer.empty(), moving = job.stage == Stage::moving;
-  // Pictures in motion have coarse light if it is complete and leaves them large.
+  // What comes first has coarse light if that is complete and leaves pictures in motion large.
   const double asked = static_cast<double>(job.look.width) * job.look.height;
   const bool large = pixels_ >= kLitCost * std::min(asked, kLargePixels);
-  const bool lit = prepared_ && (!moving || large);
+  const bool lit = prepared_ && (large || job.stage > Stage::direct);
   const Stage stage = nearest(std::max(job.stage, lit ? Stage::coarse : Stage::direct));
   const auto start = Clock::now();
   const auto shown = SLF_TRY(small ? make(Stage::direct, job.transfer) : scene(stage));

@@ -8,7 +8,7 @@ import {byId, found, page, post, retries, say} from './server.js';
 
 const kRest = 100;      // milliseconds without a change after which nothing moves
 const kDirect = 2, kFine = 5;  // of Stage in caster.h
-const kFrame = 98;      // milliseconds that a picture in motion may take to come
+const kFrame = 115;     // milliseconds that a picture in motion may take to come
 const kLeastPixels = 64 * 64;
 
 export const picture = byId('picture'), pen = picture.getContext('2d');
@@ -43,22 +43,33 @@ export const point = (x, y) =>
   post('point', {...look(false), at: [x / picture.clientWidth, y / picture.clientHeight]})
     .then((answer) => answer.json()).catch(() => ({}));
 
+let before = performance.now();
+async function ask() {
+  const now = performance.now();
+  if (camera.advance(Math.min(0.1, (now - before) / 1000))) turned();
+  before = now;
+  const moving = now - movedAt < kRest, serial = view.serial;
+  waiting = Object.assign(new AbortController(), {moving, serial});
+  return {answer: await post('look', look(moving), {signal: waiting.signal}), now, moving, serial};
+}
 // Shows the newest picture, for ever. One that is complete is asked for again, which the server
 // answers once there is a newer recipe.
 export async function draw() {
-  for (let before = performance.now();;) {
+  for (let next;;) {
     if (document.hidden)
       await new Promise((go) => document.addEventListener('visibilitychange', go, {once: true}));
-    const now = performance.now();
-    if (camera.advance(Math.min(0.1, (now - before) / 1000))) turned();
-    before = now;
-    const moving = now - movedAt < kRest, serial = view.serial;
-    waiting = Object.assign(new AbortController(), {moving});
     try {
-      const answer = await post('look', look(moving), {signal: waiting.signal});
+      const {answer, now, moving, serial} = await (next ?? ask());
+      next = undefined;
       if (answer.status === 204) continue;
       const header = (name) => answer.headers.get('Slf-' + name);
-      const bitmap = await createImageBitmap(await answer.blob());
+      const blob = await answer.blob();
+      if (moving && header('Last') === '1') {
+        ++view.serial;  // it may rest now
+        next = ask();   // while this picture is decoded, the next one is drawn
+        next.catch(() => {});
+      }
+      const bitmap = await createImageBitmap(blob);
       const {width, height} = bitmap, at = performance.now();
       // What the scene took is no reason for a smaller picture.
       const took = Math.max(1, at - now - Number(header('Prepared')));
@@ -73,7 +84,6 @@ export async function draw() {
       place(JSON.parse(header('Sphere')));
       found();
       view.pictures.push({...view.shown, width, moving, last, at});
-      if (last && moving) ++view.serial;  // it may rest now
       const {box, revision} = model.server;
       if ((stage >= kDirect && !box) || (view.shown.revision !== revision && !isSending()))
         await load();
@@ -83,9 +93,11 @@ export async function draw() {
       }
       then.drawn();
     } catch (error) {
+      next = undefined;
       if (error.name === 'AbortError' || error.name === 'TimeoutError') continue;
       if (!await retries(error) && !error.revision) await sleep(1000);
-      view.shown = {serial: error.status ? serial : 0, stage: kFine, revision: error.revision};
+      const serial = error.status ? waiting.serial : 0;
+      view.shown = {serial, stage: kFine, revision: error.revision};
     }
   }
 }
