@@ -621,6 +621,9 @@ class LoadingTest(PageTest):
             page.call("Network.enable")
             page.settle()
             page.run("""globalThis.film = [];
+              const put = slf.put;
+              let shown;  // the view of the picture on the canvas
+              slf.put = function(opacity) { put.call(this, opacity); shown = this.maskOf; };
               const shoot = () => {
                 requestAnimationFrame(shoot);
                 const {canvas, renderer: {gl}} = slf, {width, height} = canvas;
@@ -628,6 +631,8 @@ class LoadingTest(PageTest):
                 gl.bindFramebuffer(gl.READ_FRAMEBUFFER, null);
                 gl.readPixels(0, 0, width, height, gl.RGBA, gl.UNSIGNED_BYTE, frame);
                 if (film[0]?.view !== view) film = [];
+                // Until this view is drawn, the canvas has the picture of the one before.
+                if (film.length === 0 && shown !== slf.version) return;
                 if (film.at(-1)?.frame.every((v, i) => v === frame[i])) return;
                 film.push({view, frame});
               };
