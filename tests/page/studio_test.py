@@ -163,8 +163,15 @@ class StudioTest(unittest.TestCase):
             self.assertEqual(serials, sorted(serials))  # none is older than the one before
 
             page.run("document.querySelector('[data-axis=\"1\"]').click()")
-            self.set(page, "[aria-label='Place of plane 1']", "-0.2")
-            self.fine(page)
+            # A place of the slider means the same plane, whatever is shown.
+            numbers = "document.querySelector(\"[aria-label='Point and normal of plane 1']\").value"
+            found = []
+            for to in ["-0.2", "0.1", "-0.2"]:
+                self.set(page, "[aria-label='Place of plane 1']", to)
+                self.fine(page)
+                found.append(page.run(numbers))
+            self.assertEqual(found[0], found[2])
+            self.assertNotEqual(found[0], found[1])
             place = "Number(document.querySelector(\"[aria-label='Place of plane 1']\").value)"
             knob = page.run("""(() => {
               const {x, y, width} = document.querySelector('#handles circle')

@@ -4,24 +4,31 @@ import {add, dot} from '../../web/camera.js';
 import {planesOf} from '../../web/cut.js';
 import {Handles, kHandleStyle} from '../../web/handle.js';
 import {camera, picture, view} from './picture.js';
-import {merged, set} from './recipe.js';
+import {merged, model, set} from './recipe.js';
 import {byId, make} from './server.js';
 
 const rounded = (v) => Number(v.toPrecision(7));
 const planes = () => (merged().clip ?? []).map((plane) => [...plane]);
 const setPlanes = (all, moving) => set('clip', all.length > 0 ? all : undefined, moving);
-// The place of a plane on its way through the sphere, from -1 to 1; the same for its other side.
+// The sphere around the volume, which no cut changes, unlike that around what is shown.
+const around = () => {
+  const {box} = model.server;
+  if (!box) return view.sphere;
+  const size = box.slice(3);
+  return [...add(box.slice(0, 3), size, 0.5), Math.hypot(...size) / 2];
+};
+// The place of a plane on its way through it, from -1 to 1; the same for its other side.
 const sideOf = (plane) => Math.sign(plane.slice(3).find((v) => v !== 0) ?? 1);
-const along = (plane) => sideOf(plane) / view.sphere[3] *
-  dot(add(plane.slice(0, 3), view.sphere, -1), plane.slice(3));
+const along = (plane) => sideOf(plane) / around()[3] *
+  dot(add(plane.slice(0, 3), around(), -1), plane.slice(3));
 const shifted = (plane, to) => [
-  ...add(view.sphere.slice(0, 3), plane.slice(3), sideOf(plane) * to * view.sphere[3]),
+  ...add(around().slice(0, 3), plane.slice(3), sideOf(plane) * to * around()[3]),
   ...plane.slice(3)].map(rounded);
 for (const button of document.querySelectorAll('[data-axis]'))
   button.onclick = () => {
     const normal = [0, 0, 0], {axis} = button.dataset;
     normal[axis] = camera.axes(1, 1).eye[axis] < 0 ? -1 : 1;  // the nearer half goes
-    setPlanes([...planes(), shifted([0, 0, 0, ...normal], 0)]);
+    setPlanes([...planes(), [...view.sphere.slice(0, 3), ...normal].map(rounded)]);
     showPlanes();
   };
 export function showPlanes() {
@@ -30,6 +37,7 @@ export function showPlanes() {
       const all = planes();
       all[k] = change(all[k]);
       setPlanes(all, moving);
+      numbers.value = all[k].join(', ');
       handles.place();
     };
     const slider = make('input', {
