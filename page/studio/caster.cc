@@ -18,10 +18,10 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
-constexpr double kPace = 0.096;   // seconds that a moving picture may take
+constexpr double kPace = 0.096;  // seconds that a moving picture may take
+// Its pixels: at least, and from which on it is large enough for more than direct light.
+constexpr double kLeastPixels = 96 * 96, kLargePixels = 512 * 512;
 constexpr double kLitCost = 1.6;  // of rays under light that is there, to direct light
-constexpr double kLargePixels = 512 * 512;
-constexpr double kLeastPixels = 96 * 96;  // of one
 constexpr std::size_t kMaxPages = 8;
 constexpr std::chrono::seconds kAway(2);  // after which a page that asks for nothing is closed
 constexpr std::size_t kSpareBytes = std::size_t{1} << 30;  // of volumes of earlier recipes

@@ -3,6 +3,7 @@
 
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -18,7 +19,8 @@ inline constexpr std::string_view kScenePrefix = "scene:", kPicturesPrefix = "pi
 struct Reading {
   std::string path;
   VolumeOptions options;
-  Volume volume;  // whose copies share the voxels
+  Volume volume;                            // whose copies share the voxels
+  std::optional<bool> looks_like_labels{};  // none: nobody has looked yet
 };
 /// What the scenes of states have in common.
 struct Readings {

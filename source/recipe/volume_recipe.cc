@@ -26,11 +26,22 @@ Result<Volume> read_once(const Recipe& d, const std::string& path, const VolumeO
   };
   if (const Reading* found = before(kept)) return found->volume;
   const Reading* found = before(d.read.get());
-  Volume volume = found ? found->volume : SLF_TRY(read_volume(path, options));
-  if (kept == nullptr) return volume;
-  volume.share();
-  kept->volumes.push_back({path, options, std::move(volume)});
+  Reading reading = found ? *found : Reading{path, options, SLF_TRY(read_volume(path, options))};
+  if (kept == nullptr) return std::move(reading.volume);
+  reading.volume.share();
+  kept->volumes.push_back(std::move(reading));
   return kept->volumes.back().volume;
+}
+
+/// looks_like_labels(), once for each volume that is kept.
+bool look_for_labels(const Volume& volume, Readings* kept) {
+  if (kept != nullptr)
+    for (Reading& one : kept->volumes)
+      if (one.volume.borrowed == volume.borrowed) {
+        if (!one.looks_like_labels) one.looks_like_labels = looks_like_labels(volume);
+        return *one.looks_like_labels;
+      }
+  return looks_like_labels(volume);
 }
 
 VolumeOptions reading_of(const Recipe& d) {
@@ -252,7 +263,7 @@ Result<std::unique_ptr<Scene>> volume_scene(const Recipe& d, Readings* kept) {
                         ": has no labels, which a table of labels needs");
   join_parts(d, options.parts, volume);
   SLF_TRY(check_files(d, volume.files));
-  if (!volume.labels && looks_like_labels(volume))
+  if (!volume.labels && look_for_labels(volume, kept))
     note(d, volume.source + ": " + kLabelsHint, "labels");
   const auto function = SLF_TRY(colors_of(d, preset, volume));
   const auto light_from = SLF_TRY(light_scene(d, built, volume));

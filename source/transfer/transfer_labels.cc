@@ -112,7 +112,7 @@ bool looks_like_labels(const Volume& volume) {
     std::uint64_t equal = 0, near = 0, far = 0;
     const std::size_t width = volume.dims[0];
     const std::size_t rows = stored.empty() ? 0 : stored.size() / width;
-    const std::size_t stride = (rows / 4096) | 1;
+    const std::size_t stride = (rows / 65536) | 1;
     for (std::size_t row = 0; row < rows; row += stride)
       for (std::size_t i = row * width + 1; i < (row + 1) * width; ++i) {
         const T a = stored[i - 1], b = stored[i];
